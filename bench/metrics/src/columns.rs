@@ -1,0 +1,193 @@
+//! CSV with a fixed set of named columns: what `rows.csv` and leaderboard files share.
+//!
+//! Columns are found by name, so their order is free; a missing, doubled or unknown column is
+//! an error, and every complaint about a value names its line and column.
+
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::io::Read;
+use std::str::FromStr;
+
+/// Why a CSV text could not be read or written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CsvError {
+    /// Not CSV, or the reader failed.
+    #[error("the CSV cannot be read: {0}")]
+    Csv(#[from] csv::Error),
+    /// The writer failed.
+    #[error("the CSV cannot be written: {0}")]
+    Write(#[from] std::io::Error),
+    /// A column is not there.
+    #[error("line 1 has no column {column:?}; the columns are {expected}")]
+    MissingColumn {
+        /// Its name.
+        column: &'static str,
+        /// All names.
+        expected: String,
+    },
+    /// A column that should not be there.
+    #[error(
+        "line 1 has the column {column:?}, which is unknown or there twice; the columns are {expected}"
+    )]
+    UnknownColumn {
+        /// Its name.
+        column: String,
+        /// All names.
+        expected: String,
+    },
+    /// A value that cannot stand in its column.
+    #[error("line {line}, column {column:?}: {value:?} is not {expected}")]
+    Value {
+        /// Line in the file, from 1.
+        line: u64,
+        /// Name of the column.
+        column: &'static str,
+        /// What stands there.
+        value: String,
+        /// What should stand there.
+        expected: &'static str,
+    },
+    /// Two lines about one thing that differ.
+    #[error(
+        "{what} occurs twice with different contents ({difference}); the files were not made by \
+         the same run, so decide which one is right and leave the other out"
+    )]
+    Conflict {
+        /// Model, protocol and image.
+        what: String,
+        /// First column that differs, with both values.
+        difference: String,
+    },
+}
+
+/// Reads all records of a text whose header is a permutation of `names`.
+pub(crate) fn read<T>(
+    reader: impl Read,
+    names: &[&'static str],
+    parse: impl Fn(&Fields<'_>) -> Result<T, CsvError>,
+) -> Result<Vec<T>, CsvError> {
+    let mut csv = csv::Reader::from_reader(reader);
+    let expected = || names.join(", ");
+    let mut places = BTreeMap::new();
+    for (place, name) in csv.headers()?.iter().enumerate() {
+        // A spreadsheet may have put a byte order mark in front.
+        let name = name.trim_start_matches('\u{feff}');
+        match names.iter().find(|known| **known == name) {
+            Some(known) if places.insert(*known, place).is_none() => {}
+            _ => {
+                return Err(CsvError::UnknownColumn {
+                    column: name.to_owned(),
+                    expected: expected(),
+                });
+            }
+        }
+    }
+    if let Some(column) = names.iter().find(|name| !places.contains_key(*name)) {
+        return Err(CsvError::MissingColumn {
+            column,
+            expected: expected(),
+        });
+    }
+    let mut items = Vec::new();
+    for record in csv.records() {
+        let record = record?;
+        let line = record.position().map_or(0, csv::Position::line);
+        items.push(parse(&Fields {
+            record: &record,
+            places: &places,
+            line,
+        })?);
+    }
+    Ok(items)
+}
+
+/// One record with its columns by name.
+pub(crate) struct Fields<'a> {
+    record: &'a csv::StringRecord,
+    places: &'a BTreeMap<&'static str, usize>,
+    line: u64,
+}
+
+impl Fields<'_> {
+    fn raw(&self, column: &'static str) -> &str {
+        self.places
+            .get(column)
+            .and_then(|place| self.record.get(*place))
+            .unwrap_or("")
+    }
+
+    pub(crate) fn error(&self, column: &'static str, expected: &'static str) -> CsvError {
+        CsvError::Value {
+            line: self.line,
+            column,
+            value: self.raw(column).to_owned(),
+            expected,
+        }
+    }
+
+    /// Text, possibly empty.
+    pub(crate) fn text(&self, column: &'static str) -> String {
+        self.raw(column).to_owned()
+    }
+
+    /// Text that must be there.
+    pub(crate) fn required(&self, column: &'static str) -> Result<String, CsvError> {
+        if self.raw(column).is_empty() {
+            return Err(self.error(column, "a text, which must not be empty"));
+        }
+        Ok(self.text(column))
+    }
+
+    /// A value, or nothing where the cell is empty.
+    pub(crate) fn optional<T: FromStr>(
+        &self,
+        column: &'static str,
+        expected: &'static str,
+    ) -> Result<Option<T>, CsvError> {
+        if self.raw(column).is_empty() {
+            return Ok(None);
+        }
+        self.value(column, expected).map(Some)
+    }
+
+    pub(crate) fn value<T: FromStr>(
+        &self,
+        column: &'static str,
+        expected: &'static str,
+    ) -> Result<T, CsvError> {
+        self.raw(column)
+            .parse()
+            .map_err(|_| self.error(column, expected))
+    }
+
+    /// A finite number from 0 up: metrics and sums of squares.
+    pub(crate) fn measure(&self, column: &'static str) -> Result<f64, CsvError> {
+        self.optional_measure(column)?
+            .ok_or_else(|| self.error(column, MEASURE))
+    }
+
+    /// The same, or nothing where the cell is empty.
+    pub(crate) fn optional_measure(&self, column: &'static str) -> Result<Option<f64>, CsvError> {
+        match self.optional::<f64>(column, MEASURE)? {
+            Some(value) if !(value.is_finite() && value >= 0.0) => Err(self.error(column, MEASURE)),
+            value => Ok(value),
+        }
+    }
+}
+
+const MEASURE: &str = "a finite number from 0 up";
+
+/// Cell of something that may be absent.
+pub(crate) fn cell(value: Option<impl Display>) -> String {
+    value.map(|value| value.to_string()).unwrap_or_default()
+}
+
+/// First column in which two records differ, with both values.
+pub(crate) fn difference(names: &[&str], a: &[String], b: &[String]) -> Option<String> {
+    names
+        .iter()
+        .zip(a.iter().zip(b))
+        .find(|(_, (a, b))| a != b)
+        .map(|(name, (a, b))| format!("{name}: {a:?} and {b:?}"))
+}

@@ -1,0 +1,557 @@
+//! Leaderboard files: one CSV line per method and protocol, and per group where the protocol
+//! has groups.
+//!
+//! Files of different people merge into one. Published figures of the thesis stand in the same
+//! columns with their citation and without digests or intervals, since nobody measured them
+//! here; their `origin` tells them from measured ones.
+
+use std::fmt;
+use std::io::{Read, Write};
+use std::str::FromStr;
+
+use crate::columns::{self, CsvError, cell};
+use crate::metrics::{Metric, Metrics};
+use crate::protocol::Group;
+use crate::published;
+use crate::rows::{Row, RowsError, by_model};
+use crate::statistics::{Bootstrap, Interval, summarise};
+use crate::tables::ThesisTable;
+
+/// Column names in the order in which they are written.
+pub const COLUMNS: [&str; 40] = [
+    "method",
+    "origin",
+    "citation",
+    "variant",
+    "model_hash",
+    "protocol",
+    "group",
+    "abs_rel",
+    "abs_rel_low",
+    "abs_rel_high",
+    "sq_rel",
+    "sq_rel_low",
+    "sq_rel_high",
+    "rmse",
+    "rmse_low",
+    "rmse_high",
+    "rmse_log",
+    "rmse_log_low",
+    "rmse_log_high",
+    "a1",
+    "a1_low",
+    "a1_high",
+    "a2",
+    "a2_low",
+    "a2_high",
+    "a3",
+    "a3_low",
+    "a3_high",
+    "rmse_pooled",
+    "d1_all",
+    "intervals",
+    "images",
+    "expected_images",
+    "pixels",
+    "floored_pixels",
+    "protocol_digest",
+    "data_digest",
+    "runtime",
+    "provider",
+    "tool_version",
+];
+
+/// Place of `abs_rel` in [`COLUMNS`]; each metric is followed by the ends of its interval.
+const FIRST_METRIC: usize = 7;
+
+/// Who says so.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Origin {
+    /// Printed in the cited work.
+    Published,
+    /// Measured with this software.
+    Measured,
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Published => "published",
+            Self::Measured => "measured",
+        })
+    }
+}
+
+impl FromStr for Origin {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "published" => Ok(Self::Published),
+            "measured" => Ok(Self::Measured),
+            _ => Err(format!("{text:?} is neither published nor measured")),
+        }
+    }
+}
+
+/// One line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Name of the method or model.
+    pub method: String,
+    /// Measured or published.
+    pub origin: Origin,
+    /// Where published figures stand.
+    pub citation: Option<String>,
+    /// Training variant, if the model says so.
+    pub variant: Option<String>,
+    /// BLAKE3 of the model file.
+    pub model_hash: Option<String>,
+    /// Name of the protocol.
+    pub protocol: String,
+    /// Group of pixels, for protocols with groups.
+    pub group: Option<Group>,
+    /// Means over images in the order of [`Metric::ALL`]; published lines may lack some.
+    pub metrics: [Option<f64>; 7],
+    /// 95 % intervals of the means.
+    pub intervals: [Option<Interval>; 7],
+    /// Root of the squared error pooled over all pixels, metres.
+    pub rmse_pooled: Option<f64>,
+    /// D1-all in percent.
+    pub d1_all: Option<f64>,
+    /// How the intervals were drawn, in words.
+    pub interval_method: Option<String>,
+    /// Images scored.
+    pub images: Option<u64>,
+    /// Images of the complete test set.
+    pub expected_images: Option<u64>,
+    /// Pixels scored.
+    pub pixels: Option<u64>,
+    /// Pixels whose disparity was raised to the floor.
+    pub floored_pixels: Option<u64>,
+    /// Digest of the protocol; measured lines always have one.
+    pub protocol_digest: Option<String>,
+    /// Digest of the prepared set; measured lines always have one.
+    pub data_digest: Option<String>,
+    /// Inference library and version.
+    pub runtime: Option<String>,
+    /// Execution provider that really ran.
+    pub provider: Option<String>,
+    /// Version of the program that measured.
+    pub tool_version: Option<String>,
+}
+
+/// Lines of all models among the rows that were measured under `protocol`, one per model, or
+/// per model and group.
+///
+/// # Errors
+/// Rows that do not belong together.
+pub fn measured(
+    rows: &[Row],
+    protocol: &str,
+    expected_images: u64,
+    bootstrap: &Bootstrap,
+) -> Result<Vec<Entry>, RowsError> {
+    let mut entries = Vec::new();
+    for model in by_model(rows, protocol)? {
+        let context = model.context();
+        let filled = |text: &str| (!text.is_empty()).then(|| text.to_owned());
+        for group in std::iter::once(None).chain(Group::ALL.map(Some)) {
+            let Some(summary) = summarise(&model.of_group(group), bootstrap) else {
+                continue;
+            };
+            let unit = if summary.clusters == summary.images {
+                "images"
+            } else {
+                "drives"
+            };
+            entries.push(Entry {
+                method: context.model.clone(),
+                origin: Origin::Measured,
+                citation: None,
+                variant: context.variant.clone(),
+                model_hash: filled(&context.model_hash),
+                protocol: protocol.to_owned(),
+                group,
+                metrics: summary.mean.to_array().map(Some),
+                intervals: match summary.intervals {
+                    Some(intervals) => intervals.map(Some),
+                    None => [None; 7],
+                },
+                rmse_pooled: Some(summary.pooled_rmse),
+                d1_all: summary.d1_all,
+                interval_method: summary.intervals.map(|_| {
+                    format!(
+                        "95 % percentile bootstrap over {} {unit}, {} resamples, seed {}",
+                        summary.clusters, bootstrap.resamples, bootstrap.seed
+                    )
+                }),
+                images: Some(summary.images),
+                expected_images: Some(expected_images),
+                pixels: Some(summary.pixels),
+                floored_pixels: Some(summary.floored_pixels),
+                protocol_digest: Some(context.protocol_digest.clone()),
+                data_digest: Some(context.data_digest.clone()),
+                runtime: filled(&model.distinct(|context| &context.runtime)),
+                provider: filled(&model.distinct(|context| &context.provider)),
+                tool_version: filled(&model.distinct(|context| &context.tool_version)),
+            });
+        }
+    }
+    Ok(entries)
+}
+
+/// Lines of all figures in the thesis' tables 3.1, 3.2 and 3.3.
+pub fn published() -> Vec<Entry> {
+    let bare = |method: &str, protocol: &str, citation: String| Entry {
+        method: method.to_owned(),
+        origin: Origin::Published,
+        citation: Some(citation),
+        variant: None,
+        model_hash: None,
+        protocol: protocol.to_owned(),
+        group: None,
+        metrics: [None; 7],
+        intervals: [None; 7],
+        rmse_pooled: None,
+        d1_all: None,
+        interval_method: None,
+        images: None,
+        expected_images: None,
+        pixels: None,
+        floored_pixels: None,
+        protocol_digest: None,
+        data_digest: None,
+        runtime: None,
+        provider: None,
+        tool_version: None,
+    };
+    let rows = ThesisTable::ALL
+        .into_iter()
+        .flat_map(published::rows)
+        .map(|row| Entry {
+            metrics: row.metrics.to_array().map(Some),
+            ..bare(&row.method, &row.protocol, row.citation())
+        });
+    let groups = published::groups().iter().map(|cell| {
+        let mut entry = bare(&cell.method, &cell.protocol, cell.citation());
+        entry.group = Some(cell.group);
+        entry.metrics[Metric::Rmse as usize] = Some(cell.rmse);
+        entry
+    });
+    rows.chain(groups).collect()
+}
+
+impl Entry {
+    /// The seven means, if the line has them all.
+    pub fn mean(&self) -> Option<Metrics> {
+        let mut values = [0.0; 7];
+        for (value, metric) in values.iter_mut().zip(self.metrics) {
+            *value = metric?;
+        }
+        Some(Metrics::from_array(values))
+    }
+
+    fn cells(&self) -> Vec<String> {
+        let mut cells = vec![
+            self.method.clone(),
+            self.origin.to_string(),
+            cell(self.citation.as_ref()),
+            cell(self.variant.as_ref()),
+            cell(self.model_hash.as_ref()),
+            self.protocol.clone(),
+            cell(self.group),
+        ];
+        for (metric, interval) in self.metrics.iter().zip(&self.intervals) {
+            cells.extend([
+                cell(*metric),
+                cell(interval.map(|interval| interval.low)),
+                cell(interval.map(|interval| interval.high)),
+            ]);
+        }
+        cells.extend([
+            cell(self.rmse_pooled),
+            cell(self.d1_all),
+            cell(self.interval_method.as_ref()),
+            cell(self.images),
+            cell(self.expected_images),
+            cell(self.pixels),
+            cell(self.floored_pixels),
+            cell(self.protocol_digest.as_ref()),
+            cell(self.data_digest.as_ref()),
+            cell(self.runtime.as_ref()),
+            cell(self.provider.as_ref()),
+            cell(self.tool_version.as_ref()),
+        ]);
+        cells
+    }
+
+    /// What two lines about the same measurement have in common. Another device or runtime is
+    /// another measurement.
+    fn key(&self) -> impl Ord + '_ {
+        (
+            (
+                &self.protocol,
+                &self.protocol_digest,
+                self.group,
+                self.origin,
+            ),
+            (&self.method, &self.model_hash, &self.data_digest),
+            (&self.runtime, &self.provider, &self.citation),
+        )
+    }
+}
+
+/// Writes a header and all lines in the order given.
+///
+/// # Errors
+/// If the writer fails.
+pub fn write(entries: &[Entry], writer: impl Write) -> Result<(), CsvError> {
+    let mut csv = csv::Writer::from_writer(writer);
+    csv.write_record(COLUMNS)?;
+    for entry in entries {
+        csv.write_record(entry.cells())?;
+    }
+    csv.flush()?;
+    Ok(())
+}
+
+/// Reads what [`write`] has written.
+///
+/// # Errors
+/// Anything else than such a text, with line and column; a measured line without digests, or a
+/// published one without citation.
+pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
+    columns::read(reader, &COLUMNS, |fields| {
+        let filled = |column| {
+            let text = fields.text(column);
+            (!text.is_empty()).then_some(text)
+        };
+        let count = |column| fields.optional::<u64>(column, "empty or a whole number");
+        let origin = fields.value("origin", "measured or published")?;
+        match origin {
+            Origin::Measured => {
+                for column in ["protocol_digest", "data_digest"] {
+                    fields.required(column)?;
+                }
+            }
+            Origin::Published => {
+                fields.required("citation")?;
+            }
+        }
+        let mut metrics = [None; 7];
+        let mut intervals = [None; 7];
+        for place in 0..7 {
+            let [value, low, high] = [0, 1, 2].map(|i| COLUMNS[FIRST_METRIC + 3 * place + i]);
+            metrics[place] = fields.optional_measure(value)?;
+            intervals[place] = match (
+                fields.optional_measure(low)?,
+                fields.optional_measure(high)?,
+            ) {
+                (Some(low), Some(high)) => Some(Interval { low, high }),
+                (None, None) => None,
+                (None, Some(_)) => return Err(fields.error(low, "the other end of the interval")),
+                (Some(_), None) => return Err(fields.error(high, "the other end of the interval")),
+            };
+        }
+        Ok(Entry {
+            method: fields.required("method")?,
+            origin,
+            citation: filled("citation"),
+            variant: filled("variant"),
+            model_hash: filled("model_hash"),
+            protocol: fields.required("protocol")?,
+            group: fields.optional(
+                "group",
+                "empty or one of flat, human, vehicle, construction and object",
+            )?,
+            metrics,
+            intervals,
+            rmse_pooled: fields.optional_measure("rmse_pooled")?,
+            d1_all: fields.optional_measure("d1_all")?,
+            interval_method: filled("intervals"),
+            images: count("images")?,
+            expected_images: count("expected_images")?,
+            pixels: count("pixels")?,
+            floored_pixels: count("floored_pixels")?,
+            protocol_digest: filled("protocol_digest"),
+            data_digest: filled("data_digest"),
+            runtime: filled("runtime"),
+            provider: filled("provider"),
+            tool_version: filled("tool_version"),
+        })
+    })
+}
+
+/// Puts several files together, sorted by protocol, group, origin and method. Identical lines
+/// become one.
+///
+/// # Errors
+/// [`CsvError::Conflict`] for two lines about the same measurement that differ.
+pub fn merge(parts: impl IntoIterator<Item = Vec<Entry>>) -> Result<Vec<Entry>, CsvError> {
+    let mut merged: Vec<Entry> = parts.into_iter().flatten().collect();
+    merged.sort_by(|a, b| a.key().cmp(&b.key()));
+    for pair in merged.windows(2) {
+        let [a, b] = pair else { continue };
+        if a.key() != b.key() {
+            continue;
+        }
+        if let Some(difference) = columns::difference(&COLUMNS, &a.cells(), &b.cells()) {
+            return Err(CsvError::Conflict {
+                what: format!("{} under {} ({})", a.method, a.protocol, a.origin),
+                difference,
+            });
+        }
+    }
+    merged.dedup_by(|a, b| a.key() == b.key());
+    Ok(merged)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rows::tests::sample;
+
+    fn text(entries: &[Entry]) -> String {
+        let mut bytes = Vec::new();
+        write(entries, &mut bytes).unwrap();
+        String::from_utf8(bytes).unwrap()
+    }
+
+    fn rows() -> Vec<Row> {
+        (0..8)
+            .map(|i| {
+                let image = format!("2011_09_26_drive_{:04}/{i:010}", i / 2);
+                sample("StrAT", "eigen-80", &image, 0.1 + 0.01 * f64::from(i))
+            })
+            .collect()
+    }
+
+    fn measured_entries() -> Vec<Entry> {
+        measured(&rows(), "eigen-80", 697, &Bootstrap::default()).unwrap()
+    }
+
+    #[test]
+    fn a_measured_line_has_its_whole_origin() {
+        let entries = measured_entries();
+        assert_eq!(entries.len(), 1);
+        let entry = &entries[0];
+        assert!((entry.mean().unwrap().abs_rel - 0.135).abs() < 1e-12);
+        let interval = entry.intervals[0].unwrap();
+        assert!(interval.low > 0.1 && interval.low < 0.135 && interval.high > 0.135);
+        assert_eq!(
+            (entry.images, entry.expected_images, entry.pixels),
+            (Some(8), Some(697), Some(8000))
+        );
+        assert_eq!(
+            entry.interval_method.as_deref(),
+            Some("95 % percentile bootstrap over 4 drives, 2000 resamples, seed 0")
+        );
+        assert_eq!(
+            entry.protocol_digest,
+            crate::protocol("eigen-80").map(|p| p.digest())
+        );
+        assert_eq!(entry.provider.as_deref(), Some("cpu"));
+        assert!(
+            measured(&rows(), "eigen-50", 697, &Bootstrap::default())
+                .unwrap()
+                .is_empty()
+        );
+    }
+
+    #[test]
+    fn groups_have_lines_of_their_own() {
+        let rows: Vec<Row> = [Group::Flat, Group::Object]
+            .into_iter()
+            .map(|group| {
+                let mut row = sample("m", "semantic", "kitti2015/000000", 0.1);
+                row.score.group = Some(group);
+                row
+            })
+            .collect();
+        let entries = measured(&rows, "semantic", 200, &Bootstrap::default()).unwrap();
+        let groups: Vec<_> = entries.iter().map(|entry| entry.group).collect();
+        assert_eq!(groups, [Some(Group::Flat), Some(Group::Object)]);
+        assert_eq!(entries[0].intervals, [None; 7]);
+        assert!((entries[0].rmse_pooled.unwrap() - 5.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn published_figures_are_marked_and_carry_no_digest() {
+        let entries = published();
+        assert_eq!(entries.len(), 6 + 17 + 15);
+        for entry in &entries {
+            assert_eq!(entry.origin, Origin::Published);
+            assert!(
+                entry
+                    .citation
+                    .as_ref()
+                    .is_some_and(|text| text.contains("MSc thesis"))
+            );
+            assert_eq!((&entry.protocol_digest, &entry.images), (&None, &None));
+        }
+        assert!(text(&entries[5..6]).contains("\nOurs - StrAT,published,"));
+    }
+
+    #[test]
+    fn round_trip_and_merge() {
+        let mut all = measured_entries();
+        all.extend(published());
+        let read_again = read(text(&all).as_bytes()).unwrap();
+        assert_eq!(read_again, all);
+
+        let merged = merge([all.clone(), read_again, measured_entries()]).unwrap();
+        assert_eq!(merged.len(), all.len());
+        assert_eq!(merge([merged.clone()]).unwrap(), merged);
+        all.reverse();
+        assert_eq!(
+            merge([all]).unwrap(),
+            merged,
+            "order of the files must not matter"
+        );
+
+        // The same model on another device is another line.
+        let mut cuda = measured_entries();
+        cuda[0].provider = Some("cuda".to_owned());
+        assert_eq!(merge([measured_entries(), cuda]).unwrap().len(), 2);
+
+        let mut other = measured_entries();
+        other[0].metrics[2] = Some(1.5);
+        let error = merge([measured_entries(), other]).unwrap_err().to_string();
+        assert!(
+            error.starts_with("StrAT under eigen-80 (measured) occurs twice"),
+            "{error}"
+        );
+        assert!(error.contains("rmse: "), "{error}");
+    }
+
+    #[test]
+    fn a_measured_line_without_digest_is_refused() {
+        let mut entries = measured_entries();
+        entries[0].data_digest = None;
+        let error = read(text(&entries).as_bytes()).unwrap_err().to_string();
+        assert!(
+            error.starts_with("line 2, column \"data_digest\""),
+            "{error}"
+        );
+        let mut entries = published();
+        entries[0].citation = None;
+        let error = read(text(&entries).as_bytes()).unwrap_err().to_string();
+        assert!(error.starts_with("line 2, column \"citation\""), "{error}");
+        let low = measured_entries()[0].intervals[0].unwrap().low.to_string();
+        let half = text(&measured_entries()).replacen(&format!(",{low},"), ",,", 1);
+        let error = read(half.as_bytes()).unwrap_err().to_string();
+        assert!(
+            error.starts_with("line 2, column \"abs_rel_low\""),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn metrics_stand_where_the_header_says() {
+        for (place, metric) in Metric::ALL.into_iter().enumerate() {
+            assert_eq!(COLUMNS[FIRST_METRIC + 3 * place], metric.name());
+        }
+        assert_eq!(measured_entries()[0].cells().len(), COLUMNS.len());
+    }
+}

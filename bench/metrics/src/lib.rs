@@ -1,0 +1,65 @@
+//! Evaluation protocols, per-image depth metrics, statistics, tables and leaderboards.
+//!
+//! The definitions are those of Godard et al.'s public evaluation of 2017, which the thesis
+//! uses for its tables 3.1 to 3.3, with every legacy habit written out as a field of a
+//! [`Protocol`]. The way through the crate:
+//!
+//! 1. [`protocol()`] names the rules, [`evaluate`] scores one image under them;
+//! 2. an [`ImageScore`] becomes a line of `rows.csv` ([`Row`]);
+//! 3. [`tables`] and [`leaderboard`] are pure functions of such lines and of the thesis'
+//!    own figures in [`published`].
+//!
+//! ```
+//! use strat_metrics::tables::{self, Coverage, ThesisTable};
+//! use strat_metrics::{GroundTruth, Row, RowContext, evaluate, protocol};
+//!
+//! let rules = protocol("kitti2015").ok_or("no such protocol")?;
+//! let truth = GroundTruth {
+//!     width: 2,
+//!     height: 1,
+//!     depth_m: &[20.0, 0.0],
+//!     disparity_px: None,
+//!     focal_px: 721.5377,
+//!     baseline_m: 0.5327,
+//!     labels: None,
+//! };
+//! let context = RowContext {
+//!     model: "mine".into(),
+//!     protocol: rules.name.clone(),
+//!     protocol_digest: rules.digest(),
+//!     data_digest: "digest of the prepared set".into(),
+//!     ..RowContext::default()
+//! };
+//! let scores = evaluate(&rules, &truth, &[9.7, 9.7])?;
+//! let rows: Vec<Row> = scores
+//!     .into_iter()
+//!     .map(|score| Row::new(&context, "kitti2015/000000", score))
+//!     .collect();
+//! let coverage = Coverage { expected_images: 200, source: "kitti".into() };
+//! let table = tables::build(ThesisTable::Table31, &rows, &coverage)?;
+//! assert!(table.first_line().contains("1 of 200 images"));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The crate reads and writes only through readers, writers and strings handed to it: it
+//! opens no file, runs no model and depends on no other crate of the workspace. Resizing a
+//! prediction to the size of the ground truth is left to the caller.
+
+mod columns;
+mod evaluate;
+pub mod leaderboard;
+mod metrics;
+mod protocol;
+pub mod published;
+pub mod rows;
+pub mod statistics;
+pub mod tables;
+
+pub use columns::CsvError;
+pub use evaluate::{EvaluateError, GroundTruth, ImageScore, evaluate, evaluate_depth, flip_blend};
+pub use metrics::{CropBox, Metric, Metrics, crop_box, d1_all, depth_metrics, median};
+pub use protocol::{
+    Camera, Crop, D1Rule, GroundTruthKind, Group, Grouping, InfiniteDepth, PostProcessing,
+    Protocol, protocol, protocols,
+};
+pub use rows::{Row, RowContext};

@@ -1,0 +1,329 @@
+//! The seven depth metrics, D1-all, crop boxes and the median.
+//!
+//! Formulas: PROTOCOL 3.1, 3.2 and 3.6 (the traditional forms of Eigen et al.: squared error
+//! is divided by depth, not by its square; logarithms are natural). All sums are taken in
+//! double precision. What is a valid pixel is decided in [`evaluate`](crate::evaluate).
+
+use serde::{Deserialize, Serialize};
+
+use crate::protocol::{Crop, D1Rule};
+
+/// One of the seven metrics, in the order of the thesis' tables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Metric {
+    /// Mean of |g - p| / g.
+    AbsRel,
+    /// Mean of (g - p)^2 / g, metres.
+    SqRel,
+    /// Root of the mean of (g - p)^2, metres.
+    Rmse,
+    /// Root of the mean of (ln g - ln p)^2.
+    RmseLog,
+    /// Fraction of pixels with max(g/p, p/g) < 1.25.
+    A1,
+    /// The same with 1.25^2.
+    A2,
+    /// The same with 1.25^3.
+    A3,
+}
+
+impl Metric {
+    /// All seven, in the order of [`Metrics::to_array`].
+    pub const ALL: [Self; 7] = [
+        Self::AbsRel,
+        Self::SqRel,
+        Self::Rmse,
+        Self::RmseLog,
+        Self::A1,
+        Self::A2,
+        Self::A3,
+    ];
+
+    /// Column name in CSV files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::AbsRel => "abs_rel",
+            Self::SqRel => "sq_rel",
+            Self::Rmse => "rmse",
+            Self::RmseLog => "rmse_log",
+            Self::A1 => "a1",
+            Self::A2 => "a2",
+            Self::A3 => "a3",
+        }
+    }
+
+    /// Heading for people.
+    pub fn heading(self) -> &'static str {
+        match self {
+            Self::AbsRel => "Abs Rel",
+            Self::SqRel => "Sq Rel",
+            Self::Rmse => "RMSE",
+            Self::RmseLog => "RMSE log",
+            Self::A1 => "δ<1.25",
+            Self::A2 => "δ<1.25²",
+            Self::A3 => "δ<1.25³",
+        }
+    }
+
+    /// True for errors, false for accuracies.
+    pub fn lower_is_better(self) -> bool {
+        !matches!(self, Self::A1 | Self::A2 | Self::A3)
+    }
+}
+
+/// Values of the seven metrics for one image, or their means over images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Metrics {
+    /// Mean of |g - p| / g.
+    pub abs_rel: f64,
+    /// Mean of (g - p)^2 / g, metres.
+    pub sq_rel: f64,
+    /// Root of the mean of (g - p)^2, metres.
+    pub rmse: f64,
+    /// Root of the mean of (ln g - ln p)^2.
+    pub rmse_log: f64,
+    /// Fraction of pixels within a factor of 1.25.
+    pub a1: f64,
+    /// Fraction of pixels within a factor of 1.25^2.
+    pub a2: f64,
+    /// Fraction of pixels within a factor of 1.25^3.
+    pub a3: f64,
+}
+
+impl Metrics {
+    /// Values in the order of [`Metric::ALL`].
+    pub fn to_array(self) -> [f64; 7] {
+        [
+            self.abs_rel,
+            self.sq_rel,
+            self.rmse,
+            self.rmse_log,
+            self.a1,
+            self.a2,
+            self.a3,
+        ]
+    }
+
+    /// The inverse of [`Metrics::to_array`].
+    pub fn from_array(values: [f64; 7]) -> Self {
+        let [abs_rel, sq_rel, rmse, rmse_log, a1, a2, a3] = values;
+        Self {
+            abs_rel,
+            sq_rel,
+            rmse,
+            rmse_log,
+            a1,
+            a2,
+            a3,
+        }
+    }
+
+    /// One value.
+    pub fn get(self, metric: Metric) -> f64 {
+        self.to_array()[metric as usize]
+    }
+}
+
+/// Metrics and sum of squared errors (m^2) over pairs of true and predicted depth in metres,
+/// all positive and finite; `None` without pairs. With `strict`, a ratio equal to a threshold
+/// lies outside it, as in the reference.
+pub fn depth_metrics(
+    pairs: impl IntoIterator<Item = (f64, f64)>,
+    strict: bool,
+) -> Option<(Metrics, f64)> {
+    let (mut abs_rel, mut sq_rel, mut squared, mut squared_log) = (0.0, 0.0, 0.0, 0.0);
+    let mut within = [0_u64; 3];
+    let mut count = 0_u64;
+    for (g, p) in pairs {
+        let error = g - p;
+        let log_error = g.ln() - p.ln();
+        abs_rel += error.abs() / g;
+        sq_rel += error * error / g;
+        squared += error * error;
+        squared_log += log_error * log_error;
+        let ratio = (g / p).max(p / g);
+        for (hits, threshold) in within
+            .iter_mut()
+            .zip([1.25, 1.25 * 1.25, 1.25 * 1.25 * 1.25])
+        {
+            *hits += u64::from(ratio < threshold || (!strict && ratio == threshold));
+        }
+        count += 1;
+    }
+    if count == 0 {
+        return None;
+    }
+    let n = count as f64;
+    let [a1, a2, a3] = within.map(|hits| hits as f64 / n);
+    let metrics = Metrics {
+        abs_rel: abs_rel / n,
+        sq_rel: sq_rel / n,
+        rmse: (squared / n).sqrt(),
+        rmse_log: (squared_log / n).sqrt(),
+        a1,
+        a2,
+        a3,
+    };
+    Some((metrics, squared))
+}
+
+/// Percentage of wrong disparities over pairs of true and predicted disparity in pixels; pairs
+/// without ground truth (0) are passed over; `None` where nothing is left.
+///
+/// Single precision throughout: the limits are met exactly by quarter-pixel disparities, and
+/// the reference decides those cases in single precision.
+pub fn d1_all(pairs: impl IntoIterator<Item = (f32, f32)>, rule: D1Rule) -> Option<f64> {
+    let (mut wrong, mut count) = (0_u64, 0_u64);
+    for (g, p) in pairs {
+        if g > 0.0 {
+            wrong += u64::from(is_wrong_disparity(g, p, rule));
+            count += 1;
+        }
+    }
+    (count > 0).then(|| 100.0 * wrong as f64 / count as f64)
+}
+
+fn is_wrong_disparity(g: f32, p: f32, rule: D1Rule) -> bool {
+    let error = (g - p).abs();
+    match rule {
+        D1Rule::Inclusive => error >= 3.0 && error / g >= 0.05,
+        D1Rule::Strict => error > 3.0 && error / g > 0.05,
+    }
+}
+
+/// Half-open box of rows and columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CropBox {
+    /// First row.
+    pub top: usize,
+    /// One past the last row.
+    pub bottom: usize,
+    /// First column.
+    pub left: usize,
+    /// One past the last column.
+    pub right: usize,
+}
+
+/// Box of a crop in an image. The fractions are multiplied in double precision and truncated;
+/// rounding, or single precision, would move an edge for some KITTI sizes.
+pub fn crop_box(crop: Crop, width: usize, height: usize) -> CropBox {
+    match crop.fractions() {
+        None => CropBox {
+            top: 0,
+            bottom: height,
+            left: 0,
+            right: width,
+        },
+        Some([top, bottom, left, right]) => CropBox {
+            top: (top * height as f64) as usize,
+            bottom: (bottom * height as f64) as usize,
+            left: (left * width as f64) as usize,
+            right: (right * width as f64) as usize,
+        },
+    }
+}
+
+/// Median; the mean of the two middle values for an even count; `None` for an empty slice.
+/// Reorders the values.
+pub fn median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return None;
+    }
+    let even = values.len().is_multiple_of(2);
+    let (lower, upper, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
+    let upper = *upper;
+    if !even {
+        return Some(upper);
+    }
+    let lower = lower.iter().copied().max_by(f64::total_cmp)?;
+    Some((lower + upper) / 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn perfect_prediction() {
+        let (m, sse) = depth_metrics([2.0, 10.0, 40.0].map(|g| (g, g)), true).unwrap();
+        assert_eq!(m.to_array(), [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
+        assert_eq!(sse, 0.0);
+    }
+
+    /// Worked by hand: errors 1 and -2 for depths 2 and 8.
+    #[test]
+    fn two_pixels_by_hand() {
+        let (m, sse) = depth_metrics([(2.0, 1.0), (8.0, 10.0)], true).unwrap();
+        assert_eq!(m.abs_rel, (0.5 + 0.25) / 2.0);
+        assert_eq!(m.sq_rel, (0.5 + 0.5) / 2.0);
+        assert_eq!(m.rmse, 2.5_f64.sqrt());
+        let log = ((2.0_f64.ln().powi(2) + 0.8_f64.ln().powi(2)) / 2.0).sqrt();
+        assert!((m.rmse_log - log).abs() < 1e-15);
+        // Ratios 2 and exactly 1.25: the second is not below 1.25, the first not below 1.953.
+        assert_eq!([m.a1, m.a2, m.a3], [0.0, 0.5, 0.5]);
+        assert_eq!(sse, 5.0);
+        let (lenient, _) = depth_metrics([(2.0, 1.0), (8.0, 10.0)], false).unwrap();
+        assert_eq!(lenient.a1, 0.5);
+    }
+
+    #[test]
+    fn nothing_to_score() {
+        assert_eq!(depth_metrics([], true), None);
+        assert_eq!(d1_all([(0.0, 9.0)], D1Rule::Inclusive), None);
+    }
+
+    #[test]
+    fn d1_limits() {
+        // oracle.py selftest: error 3 px of 10 px; 2.9 px; 4 px but only 4 %; no ground truth.
+        let pairs = [(10.0, 13.0), (10.0, 12.9), (100.0, 104.0), (0.0, 9.0)];
+        assert_eq!(d1_all(pairs, D1Rule::Inclusive), Some(100.0 / 3.0));
+        assert_eq!(d1_all(pairs, D1Rule::Strict), Some(0.0));
+        // Error of exactly 5 %.
+        assert_eq!(d1_all([(80.0, 84.0)], D1Rule::Inclusive), Some(100.0));
+        assert_eq!(d1_all([(80.0, 84.0)], D1Rule::Strict), Some(0.0));
+    }
+
+    /// The table of PROTOCOL 3.6.
+    #[test]
+    fn crop_boxes_of_all_kitti_sizes() {
+        let table = [
+            (375, 1242, [153, 371, 44, 1197], [124, 342, 44, 1197]),
+            (370, 1224, [151, 366, 43, 1180], [122, 337, 43, 1180]),
+            (370, 1226, [151, 366, 44, 1181], [122, 337, 44, 1181]),
+            (374, 1238, [152, 370, 44, 1193], [124, 341, 44, 1193]),
+            (376, 1241, [153, 372, 44, 1196], [124, 343, 44, 1196]),
+        ];
+        for (height, width, garg, eigen) in table {
+            for (crop, edges) in [(Crop::Garg, garg), (Crop::Eigen, eigen)] {
+                let [top, bottom, left, right] = edges;
+                let expected = CropBox {
+                    top,
+                    bottom,
+                    left,
+                    right,
+                };
+                assert_eq!(crop_box(crop, width, height), expected, "{width}x{height}");
+            }
+        }
+        let whole = crop_box(Crop::None, 7, 3);
+        assert_eq!((whole.bottom, whole.right), (3, 7));
+    }
+
+    #[test]
+    fn medians() {
+        assert_eq!(median(&mut []), None);
+        assert_eq!(median(&mut [3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(&mut [4.0, 1.0, 3.0, 2.0]), Some(2.5));
+        assert_eq!(median(&mut [5.0, 5.0]), Some(5.0));
+    }
+
+    #[test]
+    fn arrays_keep_the_order() {
+        let values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+        let metrics = Metrics::from_array(values);
+        assert_eq!(metrics.to_array(), values);
+        assert_eq!(Metric::ALL.map(|m| metrics.get(m)), values);
+        assert_eq!(metrics.rmse_log, metrics.get(Metric::RmseLog));
+    }
+}

@@ -1,0 +1,655 @@
+//! Named, versioned evaluation protocols.
+//!
+//! A protocol holds every choice that can change a figure. The values are those of the
+//! reference evaluation of Godard et al. (CVPR 2017), see PROTOCOL 3.1 to 3.9; where the
+//! reference has a habit that one would not choose today (truncated crop fractions, ground
+//! truth in a lidar axis, a nominal baseline), the habit is a field here and not a constant
+//! in the arithmetic.
+//!
+//! The digest of a protocol stands on each row computed under it. Changing what a protocol
+//! means therefore changes its digest, and rows of the two meanings no longer mix.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+/// Which measured depth a prediction is compared with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GroundTruthKind {
+    /// KITTI stereo 2015, `disp_noc_0`: pixels whose match lies inside the right image.
+    StereoNoc,
+    /// KITTI stereo 2015, `disp_occ_0`: every measured pixel.
+    StereoOcc,
+    /// Velodyne scan projected into the left image; the value is the scanner's own forward
+    /// axis, about 0.27 m to 0.33 m more than the depth seen by the camera.
+    VelodyneX,
+    /// Velodyne scan projected into the left image; the value is the depth along the axis of
+    /// the rectified camera.
+    CameraZ,
+}
+
+impl GroundTruthKind {
+    /// True for ground truth that is stored as disparity.
+    pub fn is_stereo(self) -> bool {
+        matches!(self, Self::StereoNoc | Self::StereoOcc)
+    }
+}
+
+/// Where focal length and baseline come from when disparity becomes depth.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Camera {
+    /// One agreed baseline for every image; the focal length is the one nominal for the image
+    /// width and is given by the caller.
+    Nominal {
+        /// Distance of the two cameras in metres.
+        baseline_m: f64,
+    },
+    /// Focal length and baseline of the image's own calibration, both given by the caller.
+    Calibrated,
+}
+
+/// Part of the image that is scored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Crop {
+    /// The whole image.
+    None,
+    /// Crop of Garg et al. (ECCV 2016).
+    Garg,
+    /// Crop of Eigen et al. (NIPS 2014).
+    Eigen,
+}
+
+impl Crop {
+    /// First row, end row, first column, end column as fractions of height and width.
+    pub fn fractions(self) -> Option<[f64; 4]> {
+        match self {
+            Self::None => None,
+            Self::Garg => Some([0.408_108_11, 0.991_891_89, 0.035_947_71, 0.964_052_29]),
+            Self::Eigen => Some([0.332_432_4, 0.913_513_51, 0.035_947_7, 0.964_052_29]),
+        }
+    }
+}
+
+/// What becomes of the infinite depth of a pixel whose disparity is exactly zero. It can be
+/// met only where the disparity floor is switched off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum InfiniteDepth {
+    /// It is clipped to the far limit (reference, KITTI split).
+    FarLimit,
+    /// It is set to zero first and so ends at the near limit (reference, Eigen split).
+    NearLimit,
+}
+
+/// When a disparity counts as wrong in D1-all: error of 3 px and 5 % of the true disparity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum D1Rule {
+    /// Errors equal to a limit count as wrong (reference evaluation of Godard et al.).
+    Inclusive,
+    /// Only errors above both limits count as wrong (KITTI 2015 development kit).
+    Strict,
+}
+
+/// What is done with the network's disparity before it is resized.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PostProcessing {
+    /// Nothing.
+    None,
+    /// Blend with the prediction for the mirrored image, see [`flip_blend`](crate::flip_blend).
+    Flip,
+}
+
+/// Whether an image is scored as a whole or by what its pixels show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Grouping {
+    /// One score per image.
+    None,
+    /// One score per image and [`Group`] that the image contains.
+    Cityscapes,
+}
+
+/// Groups of Cityscapes label ids: the rows of thesis table 3.2.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Group {
+    /// Road, sidewalk, parking, rail track.
+    Flat,
+    /// Person, rider.
+    Human,
+    /// Cars to bicycles.
+    Vehicle,
+    /// Building, wall, fence, guard rail, bridge, tunnel.
+    Construction,
+    /// Poles, traffic lights and signs.
+    Object,
+}
+
+impl Group {
+    /// All groups in the order of the thesis' table.
+    pub const ALL: [Self; 5] = [
+        Self::Flat,
+        Self::Human,
+        Self::Vehicle,
+        Self::Construction,
+        Self::Object,
+    ];
+
+    /// First and last label id of the group; the ids of each group are contiguous.
+    pub fn label_ids(self) -> (u8, u8) {
+        match self {
+            Self::Flat => (7, 10),
+            Self::Human => (24, 25),
+            Self::Vehicle => (26, 33),
+            Self::Construction => (11, 16),
+            Self::Object => (17, 20),
+        }
+    }
+
+    /// Group of a Cityscapes label id; void, nature and sky belong to none.
+    pub fn of_label(id: u8) -> Option<Self> {
+        Self::ALL.into_iter().find(|group| {
+            let (first, last) = group.label_ids();
+            (first..=last).contains(&id)
+        })
+    }
+
+    /// Lower-case name as it stands in `rows.csv`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Flat => "flat",
+            Self::Human => "human",
+            Self::Vehicle => "vehicle",
+            Self::Construction => "construction",
+            Self::Object => "object",
+        }
+    }
+}
+
+impl fmt::Display for Group {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// Text that is no [`Group`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the groups are flat, human, vehicle, construction and object, not {0:?}")]
+pub struct UnknownGroup(pub String);
+
+impl FromStr for Group {
+    type Err = UnknownGroup;
+
+    fn from_str(text: &str) -> Result<Self, UnknownGroup> {
+        Self::ALL
+            .into_iter()
+            .find(|group| group.name() == text)
+            .ok_or_else(|| UnknownGroup(text.to_owned()))
+    }
+}
+
+/// A complete set of evaluation rules.
+///
+/// Every protocol resizes the predicted disparity, not the depth, to the size of the ground
+/// truth with plain bilinear interpolation, and averages images without weights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Protocol {
+    /// Name used on command lines and in files.
+    pub name: String,
+    /// Counts the changes of meaning under this name.
+    pub version: u32,
+    /// What predictions are compared with.
+    pub ground_truth: GroundTruthKind,
+    /// Focal length and baseline.
+    pub camera: Camera,
+    /// Part of the image that is scored; fractions are multiplied in double precision and
+    /// truncated.
+    pub crop: Crop,
+    /// Near limit in metres, to which predictions are clipped.
+    pub min_depth_m: f64,
+    /// Far limit in metres, to which predictions are clipped.
+    pub max_depth_m: f64,
+    /// Leave out pixels whose true depth is outside the two limits. Otherwise each measured
+    /// pixel counts, with its true depth unclipped.
+    pub mask_ground_truth: bool,
+    /// A value on a limit is outside: depth limits of the mask and accuracy thresholds.
+    pub strict_comparisons: bool,
+    /// Smaller disparities, as a fraction of image width, are raised to this value and
+    /// counted; 0 switches the floor off.
+    pub disparity_floor_fraction: f64,
+    /// What becomes of infinite depth where there is no floor.
+    pub infinite_depth: InfiniteDepth,
+    /// Multiply each prediction by median(true) / median(predicted) before clipping. Only for
+    /// methods that cannot know the scale.
+    pub median_scaling: bool,
+    /// What is done with the disparity before it is resized.
+    pub post_processing: PostProcessing,
+    /// How D1-all counts, for protocols that report it.
+    pub d1_rule: Option<D1Rule>,
+    /// Whole images, or groups of label ids.
+    pub grouping: Grouping,
+}
+
+impl Protocol {
+    fn kitti2015(name: &str, ground_truth: GroundTruthKind) -> Self {
+        Self {
+            name: name.to_owned(),
+            version: 1,
+            ground_truth,
+            camera: Camera::Nominal { baseline_m: 0.54 },
+            crop: Crop::None,
+            min_depth_m: 1e-3,
+            max_depth_m: 80.0,
+            mask_ground_truth: false,
+            strict_comparisons: true,
+            disparity_floor_fraction: 1e-4,
+            infinite_depth: InfiniteDepth::FarLimit,
+            median_scaling: false,
+            post_processing: PostProcessing::None,
+            d1_rule: Some(D1Rule::Inclusive),
+            grouping: Grouping::None,
+        }
+    }
+
+    fn eigen(name: &str, ground_truth: GroundTruthKind, min_m: f64, max_m: f64) -> Self {
+        Self {
+            name: name.to_owned(),
+            version: 1,
+            ground_truth,
+            camera: Camera::Calibrated,
+            crop: Crop::Garg,
+            min_depth_m: min_m,
+            max_depth_m: max_m,
+            mask_ground_truth: true,
+            strict_comparisons: true,
+            disparity_floor_fraction: 1e-4,
+            infinite_depth: InfiniteDepth::NearLimit,
+            median_scaling: false,
+            post_processing: PostProcessing::None,
+            d1_rule: None,
+            grouping: Grouping::None,
+        }
+    }
+
+    /// The same rules with median scaling, named `<name>-median`.
+    #[must_use]
+    pub fn with_median_scaling(mut self) -> Self {
+        if !self.median_scaling {
+            self.median_scaling = true;
+            self.name.push_str("-median");
+        }
+        self
+    }
+
+    /// The same rules with flip post-processing, named `<name>-pp`.
+    #[must_use]
+    pub fn with_flip(mut self) -> Self {
+        if self.post_processing != PostProcessing::Flip {
+            self.post_processing = PostProcessing::Flip;
+            self.name.push_str("-pp");
+        }
+        self
+    }
+
+    /// BLAKE3 digest, 64 hexadecimal digits, of all fields.
+    pub fn digest(&self) -> String {
+        blake3::hash(self.canonical_text().as_bytes())
+            .to_hex()
+            .to_string()
+    }
+
+    /// One `key=value` line per choice. Written by hand so that no change of a serialisation
+    /// library can change a digest; numbers in Rust's shortest exact form.
+    pub fn canonical_text(&self) -> String {
+        // Taken apart without `..`, so that a new field cannot be forgotten here.
+        let Self {
+            name,
+            version,
+            ground_truth,
+            camera,
+            crop,
+            min_depth_m,
+            max_depth_m,
+            mask_ground_truth,
+            strict_comparisons,
+            disparity_floor_fraction,
+            infinite_depth,
+            median_scaling,
+            post_processing,
+            d1_rule,
+            grouping,
+        } = self;
+        let ground_truth = match ground_truth {
+            GroundTruthKind::StereoNoc => "stereo-noc",
+            GroundTruthKind::StereoOcc => "stereo-occ",
+            GroundTruthKind::VelodyneX => "velodyne-x",
+            GroundTruthKind::CameraZ => "camera-z",
+        };
+        let camera = match camera {
+            Camera::Nominal { baseline_m } => format!("nominal,baseline_m={baseline_m:?}"),
+            Camera::Calibrated => "calibrated".to_owned(),
+        };
+        let crop = match crop.fractions() {
+            None => "none".to_owned(),
+            Some([top, bottom, left, right]) => {
+                format!("truncate,{top:?},{bottom:?},{left:?},{right:?}")
+            }
+        };
+        let infinite_depth = match infinite_depth {
+            InfiniteDepth::FarLimit => "far-limit",
+            InfiniteDepth::NearLimit => "near-limit",
+        };
+        let post_processing = match post_processing {
+            PostProcessing::None => "none",
+            PostProcessing::Flip => "flip",
+        };
+        let d1_rule = match d1_rule {
+            None => "none",
+            Some(D1Rule::Inclusive) => "error>=3px,error>=0.05",
+            Some(D1Rule::Strict) => "error>3px,error>0.05",
+        };
+        let grouping = match grouping {
+            Grouping::None => "none".to_owned(),
+            Grouping::Cityscapes => Group::ALL
+                .map(|group| {
+                    let (first, last) = group.label_ids();
+                    format!("{group}:{first}-{last}")
+                })
+                .join(","),
+        };
+        format!(
+            "name={name}\nversion={version}\nground_truth={ground_truth}\ncamera={camera}\n\
+             crop={crop}\nmin_depth_m={min_depth_m:?}\nmax_depth_m={max_depth_m:?}\n\
+             mask_ground_truth={mask_ground_truth}\nstrict_comparisons={strict_comparisons}\n\
+             disparity_floor_fraction={disparity_floor_fraction:?}\n\
+             infinite_depth={infinite_depth}\nmedian_scaling={median_scaling}\n\
+             post_processing={post_processing}\nd1={d1_rule}\ngrouping={grouping}\n\
+             resize=disparity,bilinear\naveraging=unweighted-mean-over-images\n"
+        )
+    }
+
+    /// The rules in words, one sentence per line.
+    pub fn describe(&self) -> String {
+        let mut lines = Vec::new();
+        lines.push(
+            match self.ground_truth {
+                GroundTruthKind::StereoNoc => {
+                    "Ground truth: KITTI stereo 2015 disparity, pixels visible in both images \
+                     (disp_noc_0)."
+                }
+                GroundTruthKind::StereoOcc => {
+                    "Ground truth: KITTI stereo 2015 disparity, all measured pixels (disp_occ_0)."
+                }
+                GroundTruthKind::VelodyneX => {
+                    "Ground truth: Velodyne points in the left image, distance along the \
+                     scanner's forward axis (about 0.3 m more than camera depth, as in all \
+                     published rows)."
+                }
+                GroundTruthKind::CameraZ => {
+                    "Ground truth: Velodyne points in the left image, depth along the camera's \
+                     axis."
+                }
+            }
+            .to_owned(),
+        );
+        lines.push(match self.camera {
+            Camera::Nominal { baseline_m } => format!(
+                "Camera: focal length nominal for the image width, baseline {baseline_m} m for \
+                 every image."
+            ),
+            Camera::Calibrated => {
+                "Camera: focal length and baseline of the image's own calibration.".to_owned()
+            }
+        });
+        lines.push(
+            "Prediction: disparity of the left image resized bilinearly to the ground truth's \
+             size, then turned into depth."
+                .to_owned(),
+        );
+        if self.post_processing == PostProcessing::Flip {
+            lines.push(
+                "Post-processing: blended with the prediction for the mirrored image.".to_owned(),
+            );
+        }
+        lines.push(match self.crop.fractions() {
+            None => "Crop: none.".to_owned(),
+            Some([top, bottom, left, right]) => format!(
+                "Crop: {:?}, rows {top} to {bottom} of the height, columns {left} to {right} of \
+                 the width, products truncated.",
+                self.crop
+            ),
+        });
+        let ends = if self.strict_comparisons {
+            "strictly between"
+        } else {
+            "from"
+        };
+        lines.push(if self.mask_ground_truth {
+            format!(
+                "Pixels: true depth {ends} {} m and {} m.",
+                self.min_depth_m, self.max_depth_m
+            )
+        } else {
+            "Pixels: all with ground truth, whatever their depth.".to_owned()
+        });
+        if self.disparity_floor_fraction > 0.0 {
+            lines.push(format!(
+                "Floor: disparities below {} of the width are raised to it and counted.",
+                self.disparity_floor_fraction
+            ));
+        } else {
+            lines.push(format!(
+                "Floor: none; a disparity of zero ends at the {} limit.",
+                match self.infinite_depth {
+                    InfiniteDepth::FarLimit => "far",
+                    InfiniteDepth::NearLimit => "near",
+                }
+            ));
+        }
+        if self.median_scaling {
+            lines.push(
+                "Scale: each prediction is multiplied by median(true) / median(predicted)."
+                    .to_owned(),
+            );
+        }
+        lines.push(format!(
+            "Clip: predictions to {} m .. {} m.",
+            self.min_depth_m, self.max_depth_m
+        ));
+        match self.d1_rule {
+            None => {}
+            Some(D1Rule::Inclusive) => lines.push(
+                "D1-all: percentage of pixels with an error of at least 3 px and at least 5 %."
+                    .to_owned(),
+            ),
+            Some(D1Rule::Strict) => lines.push(
+                "D1-all: percentage of pixels with an error above 3 px and above 5 %.".to_owned(),
+            ),
+        }
+        if self.grouping == Grouping::Cityscapes {
+            let groups = Group::ALL.map(|group| {
+                let (first, last) = group.label_ids();
+                format!("{group} {first} to {last}")
+            });
+            lines.push(format!(
+                "Groups: by Cityscapes label id: {}.",
+                groups.join(", ")
+            ));
+        }
+        lines.push("Average: unweighted mean over images.".to_owned());
+        lines.join("\n")
+    }
+}
+
+/// All named protocols, those of the thesis' tables first.
+pub fn protocols() -> Vec<Protocol> {
+    use GroundTruthKind::{CameraZ, StereoNoc, StereoOcc, VelodyneX};
+    vec![
+        Protocol::kitti2015("kitti2015", StereoNoc),
+        Protocol {
+            d1_rule: None,
+            grouping: Grouping::Cityscapes,
+            ..Protocol::kitti2015("semantic", StereoNoc)
+        },
+        Protocol::eigen("eigen-80", VelodyneX, 1e-3, 80.0),
+        Protocol::eigen("eigen-50", VelodyneX, 1e-3, 50.0),
+        Protocol::kitti2015("kitti2015-occ", StereoOcc),
+        Protocol {
+            camera: Camera::Calibrated,
+            ..Protocol::kitti2015("kitti2015-calibrated", StereoNoc)
+        },
+        Protocol::eigen("eigen-50-min1", VelodyneX, 1.0, 50.0),
+        Protocol::eigen("eigen-cameraz-80", CameraZ, 1e-3, 80.0),
+        Protocol::eigen("eigen-cameraz-50", CameraZ, 1e-3, 50.0),
+    ]
+}
+
+/// The protocol of that name. `-median` and `-pp` may follow a name, in the order in which
+/// [`Protocol::with_median_scaling`] and [`Protocol::with_flip`] would be called.
+pub fn protocol(name: &str) -> Option<Protocol> {
+    if let Some(found) = protocols().into_iter().find(|known| known.name == name) {
+        return Some(found);
+    }
+    if let Some(base) = name.strip_suffix("-median") {
+        return protocol(base)
+            .filter(|p| !p.median_scaling)
+            .map(Protocol::with_median_scaling);
+    }
+    let base = name.strip_suffix("-pp")?;
+    protocol(base)
+        .filter(|p| p.post_processing == PostProcessing::None)
+        .map(Protocol::with_flip)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn names_are_found_and_digests_differ() {
+        let all = protocols();
+        for known in &all {
+            assert_eq!(protocol(&known.name).as_ref(), Some(known));
+        }
+        let digests: BTreeSet<String> = all.iter().map(Protocol::digest).collect();
+        assert_eq!((all.len(), digests.len()), (9, 9));
+        assert_eq!(protocol("eigen"), None);
+    }
+
+    /// A failing line here means that the meaning of rows measured so far has changed: raise
+    /// the version of the protocol. Recipe: BLAKE3 of the canonical text, first run.
+    #[test]
+    fn digests_of_the_tables_protocols_stay() {
+        let digest = |name| protocol(name).unwrap().digest();
+        assert_eq!(
+            ["kitti2015", "semantic", "eigen-80", "eigen-50"].map(digest),
+            [
+                "a569e08a7e07ac2d32b57a77b85b605f0e5032c44a71f3e848373bc9b4eaa889",
+                "300e54cd800567fa66dd8bce13bfe06e92924f454f49d823b38fd054e2366f88",
+                "2bc91e5df36c305fb69912f774374ae1a5a54c2debb6d83c21bef3b25cbfa8db",
+                "c64c43f21b30cf5fbc3105033b6770af18a5e803b1fc426dc7974275877ab049",
+            ]
+        );
+    }
+
+    #[test]
+    fn the_canonical_text_names_every_choice() {
+        assert_eq!(
+            protocol("eigen-80").unwrap().canonical_text(),
+            "name=eigen-80\nversion=1\nground_truth=velodyne-x\ncamera=calibrated\n\
+             crop=truncate,0.40810811,0.99189189,0.03594771,0.96405229\nmin_depth_m=0.001\n\
+             max_depth_m=80.0\nmask_ground_truth=true\nstrict_comparisons=true\n\
+             disparity_floor_fraction=0.0001\ninfinite_depth=near-limit\nmedian_scaling=false\n\
+             post_processing=none\nd1=none\ngrouping=none\nresize=disparity,bilinear\n\
+             averaging=unweighted-mean-over-images\n"
+        );
+    }
+
+    #[test]
+    fn endings_change_the_rules() {
+        let both = protocol("eigen-80-median-pp").unwrap();
+        assert!(both.median_scaling && both.post_processing == PostProcessing::Flip);
+        assert_eq!(both.name, "eigen-80-median-pp");
+        assert_ne!(both.digest(), protocol("eigen-80-pp").unwrap().digest());
+        assert_eq!(protocol("eigen-80-pp-pp"), None);
+        assert_eq!(protocol("eigen-80-median-median"), None);
+        assert_eq!(protocol("-median"), None);
+    }
+
+    #[test]
+    fn yaml_round_trip_and_unknown_keys() {
+        for known in protocols() {
+            let text = serde_yaml::to_string(&known).unwrap();
+            assert_eq!(serde_yaml::from_str::<Protocol>(&text).unwrap(), known);
+            let more = format!("{text}crop_fraction: 1\n");
+            assert!(serde_yaml::from_str::<Protocol>(&more).is_err());
+        }
+    }
+
+    /// Every id of the Cityscapes table (PROTOCOL 1.3) and what has no group.
+    #[test]
+    fn label_ids_of_the_groups() {
+        let ids = |group| {
+            (0..=255)
+                .filter(|&id| Group::of_label(id) == group)
+                .collect::<Vec<u8>>()
+        };
+        assert_eq!(ids(Some(Group::Flat)), [7, 8, 9, 10]);
+        assert_eq!(ids(Some(Group::Construction)), [11, 12, 13, 14, 15, 16]);
+        assert_eq!(ids(Some(Group::Object)), [17, 18, 19, 20]);
+        assert_eq!(ids(Some(Group::Human)), [24, 25]);
+        assert_eq!(ids(Some(Group::Vehicle)), [26, 27, 28, 29, 30, 31, 32, 33]);
+        assert_eq!(ids(None).len(), 256 - 24);
+        for group in Group::ALL {
+            assert_eq!(group.to_string().parse(), Ok(group));
+        }
+        assert!("sky".parse::<Group>().is_err());
+    }
+
+    #[test]
+    fn words() {
+        insta::assert_snapshot!(protocol("kitti2015").unwrap().describe(), @r#"
+        Ground truth: KITTI stereo 2015 disparity, pixels visible in both images (disp_noc_0).
+        Camera: focal length nominal for the image width, baseline 0.54 m for every image.
+        Prediction: disparity of the left image resized bilinearly to the ground truth's size, then turned into depth.
+        Crop: none.
+        Pixels: all with ground truth, whatever their depth.
+        Floor: disparities below 0.0001 of the width are raised to it and counted.
+        Clip: predictions to 0.001 m .. 80 m.
+        D1-all: percentage of pixels with an error of at least 3 px and at least 5 %.
+        Average: unweighted mean over images.
+        "#);
+        insta::assert_snapshot!(protocol("eigen-50-median-pp").unwrap().describe(), @r#"
+        Ground truth: Velodyne points in the left image, distance along the scanner's forward axis (about 0.3 m more than camera depth, as in all published rows).
+        Camera: focal length and baseline of the image's own calibration.
+        Prediction: disparity of the left image resized bilinearly to the ground truth's size, then turned into depth.
+        Post-processing: blended with the prediction for the mirrored image.
+        Crop: Garg, rows 0.40810811 to 0.99189189 of the height, columns 0.03594771 to 0.96405229 of the width, products truncated.
+        Pixels: true depth strictly between 0.001 m and 50 m.
+        Floor: disparities below 0.0001 of the width are raised to it and counted.
+        Scale: each prediction is multiplied by median(true) / median(predicted).
+        Clip: predictions to 0.001 m .. 50 m.
+        Average: unweighted mean over images.
+        "#);
+        insta::assert_snapshot!(protocol("semantic").unwrap().describe(), @r#"
+        Ground truth: KITTI stereo 2015 disparity, pixels visible in both images (disp_noc_0).
+        Camera: focal length nominal for the image width, baseline 0.54 m for every image.
+        Prediction: disparity of the left image resized bilinearly to the ground truth's size, then turned into depth.
+        Crop: none.
+        Pixels: all with ground truth, whatever their depth.
+        Floor: disparities below 0.0001 of the width are raised to it and counted.
+        Clip: predictions to 0.001 m .. 80 m.
+        Groups: by Cityscapes label id: flat 7 to 10, human 24 to 25, vehicle 26 to 33, construction 11 to 16, object 17 to 20.
+        Average: unweighted mean over images.
+        "#);
+    }
+}

@@ -1,0 +1,556 @@
+//! `rows.csv`: one line per model, protocol, image and, where the protocol has groups, group.
+//!
+//! Tables, intervals and leaderboard lines are made of these lines and of nothing else. Numbers
+//! are written in their shortest exact form, so reading gives back the very values.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{Read, Write};
+
+use crate::columns::{self, CsvError, cell};
+use crate::evaluate::ImageScore;
+use crate::metrics::Metrics;
+use crate::protocol::Group;
+
+/// Column names in the order in which they are written.
+pub const COLUMNS: [&str; 23] = [
+    "model",
+    "model_hash",
+    "variant",
+    "protocol",
+    "protocol_digest",
+    "data_digest",
+    "split",
+    "image",
+    "group",
+    "abs_rel",
+    "sq_rel",
+    "rmse",
+    "rmse_log",
+    "a1",
+    "a2",
+    "a3",
+    "d1_all",
+    "sum_squared_error",
+    "pixels",
+    "floored_pixels",
+    "runtime",
+    "provider",
+    "tool_version",
+];
+
+/// What all lines of one model under one protocol share.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RowContext {
+    /// Name under which the model appears in tables.
+    pub model: String,
+    /// BLAKE3 of the model file; for a baseline without a file, a text that identifies it.
+    pub model_hash: String,
+    /// Training variant, if the model says so.
+    pub variant: Option<String>,
+    /// Name of the protocol.
+    pub protocol: String,
+    /// Digest of the protocol.
+    pub protocol_digest: String,
+    /// Digest of the prepared set.
+    pub data_digest: String,
+    /// Split of the prepared set.
+    pub split: String,
+    /// Inference library and version.
+    pub runtime: String,
+    /// Execution provider that really ran, such as `cpu` or `cuda`.
+    pub provider: String,
+    /// Version of the program that measured.
+    pub tool_version: String,
+}
+
+/// One line of `rows.csv`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Model, protocol and data.
+    pub context: RowContext,
+    /// Image id, such as `2011_09_26_drive_0001/0000000005` or `kitti2015/000006`.
+    pub image: String,
+    /// What was measured.
+    pub score: ImageScore,
+}
+
+impl Row {
+    /// A line of the scores of one image.
+    pub fn new(context: &RowContext, image: impl Into<String>, score: ImageScore) -> Self {
+        Self {
+            context: context.clone(),
+            image: image.into(),
+            score,
+        }
+    }
+
+    /// What no two lines may have in common: model, protocol, image and group.
+    fn key(&self) -> (&str, &str, &str, Option<Group>) {
+        let RowContext {
+            model, protocol, ..
+        } = &self.context;
+        (model, protocol, &self.image, self.score.group)
+    }
+
+    fn cells(&self) -> Vec<String> {
+        let c = &self.context;
+        let mut cells = vec![
+            c.model.clone(),
+            c.model_hash.clone(),
+            c.variant.clone().unwrap_or_default(),
+            c.protocol.clone(),
+            c.protocol_digest.clone(),
+            c.data_digest.clone(),
+            c.split.clone(),
+            self.image.clone(),
+            cell(self.score.group),
+        ];
+        cells.extend(self.score.metrics.to_array().map(|value| value.to_string()));
+        cells.extend([
+            cell(self.score.d1_all),
+            self.score.sum_squared_error.to_string(),
+            self.score.pixels.to_string(),
+            self.score.floored_pixels.to_string(),
+            c.runtime.clone(),
+            c.provider.clone(),
+            c.tool_version.clone(),
+        ]);
+        cells
+    }
+}
+
+/// Writes a header and all rows in the order given.
+///
+/// # Errors
+/// If the writer fails.
+pub fn write(rows: &[Row], writer: impl Write) -> Result<(), CsvError> {
+    let mut csv = csv::Writer::from_writer(writer);
+    csv.write_record(COLUMNS)?;
+    for row in rows {
+        csv.write_record(row.cells())?;
+    }
+    csv.flush()?;
+    Ok(())
+}
+
+/// Reads what [`write`] has written.
+///
+/// # Errors
+/// Anything else than such a text, with line and column.
+pub fn read(reader: impl Read) -> Result<Vec<Row>, CsvError> {
+    columns::read(reader, &COLUMNS, |fields| {
+        let variant = fields.text("variant");
+        let context = RowContext {
+            model: fields.required("model")?,
+            model_hash: fields.text("model_hash"),
+            variant: (!variant.is_empty()).then_some(variant),
+            protocol: fields.required("protocol")?,
+            protocol_digest: fields.required("protocol_digest")?,
+            data_digest: fields.required("data_digest")?,
+            split: fields.text("split"),
+            runtime: fields.text("runtime"),
+            provider: fields.text("provider"),
+            tool_version: fields.text("tool_version"),
+        };
+        let metrics = Metrics {
+            abs_rel: fields.measure("abs_rel")?,
+            sq_rel: fields.measure("sq_rel")?,
+            rmse: fields.measure("rmse")?,
+            rmse_log: fields.measure("rmse_log")?,
+            a1: fields.measure("a1")?,
+            a2: fields.measure("a2")?,
+            a3: fields.measure("a3")?,
+        };
+        let count = "a whole number";
+        let pixels = fields.value("pixels", count)?;
+        if pixels == 0 {
+            return Err(fields.error("pixels", "a whole number above 0"));
+        }
+        Ok(Row {
+            context,
+            image: fields.required("image")?,
+            score: ImageScore {
+                group: fields.optional(
+                    "group",
+                    "empty or one of flat, human, vehicle, construction and object",
+                )?,
+                metrics,
+                d1_all: fields.optional_measure("d1_all")?,
+                sum_squared_error: fields.measure("sum_squared_error")?,
+                pixels,
+                floored_pixels: fields.value("floored_pixels", count)?,
+            },
+        })
+    })
+}
+
+/// Puts rows of several files together, sorted by model, protocol, image and group, so that the
+/// parts of a divided run merge into the very lines of an undivided one. Identical lines
+/// become one.
+///
+/// # Errors
+/// [`CsvError::Conflict`] for two lines about the same image that differ.
+pub fn merge(parts: impl IntoIterator<Item = Vec<Row>>) -> Result<Vec<Row>, CsvError> {
+    let mut merged: Vec<Row> = parts.into_iter().flatten().collect();
+    merged.sort_by(|a, b| a.key().cmp(&b.key()));
+    for pair in merged.windows(2) {
+        let [a, b] = pair else { continue };
+        if a.key() != b.key() {
+            continue;
+        }
+        if let Some(difference) = columns::difference(&COLUMNS, &a.cells(), &b.cells()) {
+            return Err(CsvError::Conflict {
+                what: format!(
+                    "image {} of model {} under {}",
+                    a.image, a.context.model, a.context.protocol
+                ),
+                difference,
+            });
+        }
+    }
+    merged.dedup_by(|a, b| a.key() == b.key());
+    Ok(merged)
+}
+
+/// Why rows cannot stand in one table.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RowsError {
+    /// Rows under one model name that belong to different models, data or rules.
+    #[error(
+        "the rows of model {model} under {protocol} have two values of {what}: {first:?} and \
+         {second:?}; give the two runs different model names or leave one out"
+    )]
+    Mixed {
+        /// Model name.
+        model: String,
+        /// Protocol name.
+        protocol: String,
+        /// Column that differs.
+        what: &'static str,
+        /// Value of the first row.
+        first: String,
+        /// Another value.
+        second: String,
+    },
+    /// An image that was counted twice.
+    #[error(
+        "image {image} occurs twice among the rows of model {model} under {protocol}; merge the \
+         files instead of joining them"
+    )]
+    Duplicate {
+        /// Model name.
+        model: String,
+        /// Protocol name.
+        protocol: String,
+        /// Image id.
+        image: String,
+    },
+}
+
+/// All rows of one model under one protocol: never empty, one model file, one data set, one
+/// definition of the protocol, no image twice, sorted by image and group.
+#[derive(Clone, Debug)]
+pub struct ModelRows<'a> {
+    rows: Vec<&'a Row>,
+}
+
+impl<'a> ModelRows<'a> {
+    /// The rows.
+    pub fn rows(&self) -> &[&'a Row] {
+        &self.rows
+    }
+
+    /// What the rows share. Runtime, provider and tool version may differ from row to row, see
+    /// [`ModelRows::distinct`].
+    pub fn context(&self) -> &'a RowContext {
+        &self.rows[0].context
+    }
+
+    /// Number of images.
+    pub fn images(&self) -> u64 {
+        let images: BTreeSet<&str> = self.rows.iter().map(|row| row.image.as_str()).collect();
+        images.len() as u64
+    }
+
+    /// Rows of one group.
+    pub fn of_group(&self, group: Option<Group>) -> Vec<&'a Row> {
+        let members = self.rows.iter().filter(|row| row.score.group == group);
+        members.copied().collect()
+    }
+
+    /// Values that may differ among the parts of a divided run, sorted and joined by ` + `.
+    pub fn distinct(&self, value: impl Fn(&RowContext) -> &str) -> String {
+        let values: BTreeSet<&str> = self.rows.iter().map(|row| value(&row.context)).collect();
+        values.into_iter().collect::<Vec<_>>().join(" + ")
+    }
+}
+
+/// The rows of each model under a protocol, models in the order of their first row.
+///
+/// # Errors
+/// Rows that do not belong together, or an image twice.
+pub fn by_model<'a>(rows: &'a [Row], protocol: &str) -> Result<Vec<ModelRows<'a>>, RowsError> {
+    let mut models: Vec<ModelRows<'a>> = Vec::new();
+    let mut places = BTreeMap::new();
+    for row in rows.iter().filter(|row| row.context.protocol == protocol) {
+        let place = *places.entry(row.context.model.as_str()).or_insert_with(|| {
+            models.push(ModelRows { rows: Vec::new() });
+            models.len() - 1
+        });
+        models[place].rows.push(row);
+    }
+    for model in &mut models {
+        model.rows.sort_by(|a, b| a.key().cmp(&b.key()));
+        let first = model.context();
+        for row in &model.rows {
+            let other = &row.context;
+            let variant = |context: &RowContext| context.variant.clone().unwrap_or_default();
+            for (what, a, b) in [
+                (
+                    "model_hash",
+                    first.model_hash.clone(),
+                    other.model_hash.clone(),
+                ),
+                ("variant", variant(first), variant(other)),
+                (
+                    "protocol_digest",
+                    first.protocol_digest.clone(),
+                    other.protocol_digest.clone(),
+                ),
+                (
+                    "data_digest",
+                    first.data_digest.clone(),
+                    other.data_digest.clone(),
+                ),
+                ("split", first.split.clone(), other.split.clone()),
+            ] {
+                if a != b {
+                    return Err(RowsError::Mixed {
+                        model: first.model.clone(),
+                        protocol: first.protocol.clone(),
+                        what,
+                        first: a,
+                        second: b,
+                    });
+                }
+            }
+        }
+        if let Some(pair) = model
+            .rows
+            .windows(2)
+            .find(|pair| pair[0].key() == pair[1].key())
+        {
+            return Err(RowsError::Duplicate {
+                model: first.model.clone(),
+                protocol: first.protocol.clone(),
+                image: pair[0].image.clone(),
+            });
+        }
+    }
+    Ok(models)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// A row with plain values that depend on a number.
+    pub(crate) fn sample(model: &str, protocol: &str, image: &str, value: f64) -> Row {
+        let context = RowContext {
+            model: model.to_owned(),
+            model_hash: format!("hash of {model}"),
+            variant: None,
+            protocol: protocol.to_owned(),
+            protocol_digest: crate::protocol(protocol).map_or("digest".to_owned(), |p| p.digest()),
+            data_digest: "0f1e2d3c4b5a69788796a5b4c3d2e1f0".to_owned(),
+            split: "kitti".to_owned(),
+            runtime: "embedded".to_owned(),
+            provider: "cpu".to_owned(),
+            tool_version: "0.1.0".to_owned(),
+        };
+        let score = ImageScore {
+            group: None,
+            metrics: Metrics {
+                abs_rel: value,
+                sq_rel: 10.0 * value,
+                rmse: 50.0 * value,
+                rmse_log: 2.0 * value,
+                a1: 1.0 - value,
+                a2: 1.0 - value / 2.0,
+                a3: 1.0 - value / 4.0,
+            },
+            d1_all: None,
+            sum_squared_error: 1000.0 * (50.0 * value).powi(2),
+            pixels: 1000,
+            floored_pixels: 0,
+        };
+        Row::new(&context, image, score)
+    }
+
+    fn text(rows: &[Row]) -> String {
+        let mut bytes = Vec::new();
+        write(rows, &mut bytes).unwrap();
+        String::from_utf8(bytes).unwrap()
+    }
+
+    #[test]
+    fn a_line_looks_like_this() {
+        let mut row = sample("StrAT, seed 1", "semantic", "kitti2015/000006", 0.1);
+        row.context.protocol_digest = "abc".to_owned();
+        row.score.group = Some(Group::Human);
+        row.score.d1_all = Some(30.25);
+        assert_eq!(
+            text(&[row]),
+            "model,model_hash,variant,protocol,protocol_digest,data_digest,split,image,group,\
+             abs_rel,sq_rel,rmse,rmse_log,a1,a2,a3,d1_all,sum_squared_error,pixels,\
+             floored_pixels,runtime,provider,tool_version\n\
+             \"StrAT, seed 1\",\"hash of StrAT, seed 1\",,semantic,abc,\
+             0f1e2d3c4b5a69788796a5b4c3d2e1f0,kitti,kitti2015/000006,human,\
+             0.1,1,5,0.2,0.9,0.95,0.975,30.25,25000,1000,0,embedded,cpu,0.1.0\n"
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn round_trip_is_exact(
+            model in "[ -~\\n\"é]{1,12}",
+            variant in proptest::option::of("[a-z,\"]{1,8}"),
+            provider in ".{0,8}",
+            values in proptest::array::uniform8(0.0..1e12_f64),
+            d1 in proptest::option::of(0.0..100.0_f64),
+            counts in (1..u64::MAX, 0..u64::MAX),
+            group in proptest::option::of(proptest::sample::select(&Group::ALL[..])),
+        ) {
+            let mut row = sample(&model, "p", "2011_09_26_drive_0001/0000000005", 0.5);
+            row.context.variant = variant;
+            row.context.provider = provider;
+            let [a, b, c, d, e, f, g, squared] = values;
+            row.score = ImageScore {
+                group,
+                metrics: Metrics::from_array([a, b, c, d, e, f, g]),
+                d1_all: d1,
+                sum_squared_error: squared,
+                pixels: counts.0,
+                floored_pixels: counts.1,
+            };
+            let rows = [row];
+            prop_assert_eq!(read(text(&rows).as_bytes()).unwrap(), rows);
+        }
+
+        #[test]
+        fn no_text_makes_the_reader_panic(text in ".{0,300}", cells in ".{0,80}") {
+            let _ = read(text.as_bytes());
+            let _ = read(format!("{}\n{cells}\n", COLUMNS.join(",")).as_bytes());
+        }
+    }
+
+    #[test]
+    fn columns_may_stand_in_any_order() {
+        let rows = [sample("m", "p", "i", 0.3)];
+        let turned: String = text(&rows)
+            .lines()
+            .map(|line| line.rsplit(',').collect::<Vec<_>>().join(",") + "\n")
+            .collect();
+        assert_eq!(read(turned.as_bytes()).unwrap(), rows);
+    }
+
+    #[test]
+    fn errors_name_line_and_column() {
+        let good = text(&[sample("m", "p", "i", 0.3), sample("m", "p", "j", 0.25)]);
+        let error = |text: String| read(text.as_bytes()).unwrap_err().to_string();
+        assert_eq!(
+            error(good.replace(",12.5,", ",NaN,")),
+            "line 3, column \"rmse\": \"NaN\" is not a finite number from 0 up"
+        );
+        assert_eq!(
+            error(good.replacen(",1000,", ",0,", 1)),
+            "line 2, column \"pixels\": \"0\" is not a whole number above 0"
+        );
+        assert_eq!(
+            error(good.replacen("\nm,", "\n,", 1)),
+            "line 2, column \"model\": \"\" is not a text, which must not be empty"
+        );
+        let missing = error(good.replace(",pixels", ",pixel"));
+        assert!(
+            missing.starts_with("line 1 has the column \"pixel\""),
+            "{missing}"
+        );
+        let twice = error(good.replace("split,", "model,"));
+        assert!(
+            twice.starts_with("line 1 has the column \"model\""),
+            "{twice}"
+        );
+        let absent = error(
+            good.lines()
+                .map(|l| l.rsplit_once(',').unwrap().0.to_owned() + "\n")
+                .collect(),
+        );
+        assert!(
+            absent.starts_with("line 1 has no column \"tool_version\""),
+            "{absent}"
+        );
+        // A cut file.
+        let cut = error(good[..good.len() - 20].to_owned());
+        assert!(cut.contains("line: 3"), "{cut}");
+        assert!(error(String::new()).starts_with("line 1 has no column"));
+    }
+
+    #[test]
+    fn parts_merge_into_the_whole() {
+        let whole: Vec<Row> = (0..10)
+            .map(|i| sample("m", "p", &format!("d/{i:03}"), f64::from(i)))
+            .collect();
+        let odd: Vec<Row> = whole.iter().skip(1).step_by(2).cloned().collect();
+        let even: Vec<Row> = whole.iter().step_by(2).cloned().collect();
+        // The first image is in both.
+        let again = vec![whole[0].clone()];
+        assert_eq!(merge([odd, again, even]).unwrap(), whole);
+
+        let mut other = whole[3].clone();
+        other.score.metrics.rmse = 7.5;
+        assert_eq!(
+            merge([whole, vec![other]]).unwrap_err().to_string(),
+            "image d/003 of model m under p occurs twice with different contents (rmse: \"150\" \
+             and \"7.5\"); the files were not made by the same run, so decide which one is right \
+             and leave the other out"
+        );
+    }
+
+    #[test]
+    fn rows_that_do_not_belong_together_are_refused() {
+        let a = sample("m", "p", "a", 0.1);
+        let mut b = sample("m", "p", "b", 0.1);
+        b.context.provider = "cuda".to_owned();
+        let rows = [
+            a.clone(),
+            b.clone(),
+            sample("n", "p", "a", 0.1),
+            sample("m", "q", "a", 0.1),
+        ];
+        let models = by_model(&rows, "p").unwrap();
+        let names: Vec<&str> = models.iter().map(|m| m.context().model.as_str()).collect();
+        assert_eq!((names, models[0].images()), (vec!["m", "n"], 2));
+        assert_eq!(
+            models[0].distinct(|context| &context.provider),
+            "cpu + cuda"
+        );
+
+        b.context.model_hash = "other".to_owned();
+        let error = by_model(&[a.clone(), b], "p").unwrap_err();
+        assert!(
+            matches!(
+                error,
+                RowsError::Mixed {
+                    what: "model_hash",
+                    ..
+                }
+            ),
+            "{error}"
+        );
+        let error = by_model(&[a.clone(), a], "p").unwrap_err();
+        assert!(matches!(error, RowsError::Duplicate { .. }), "{error}");
+    }
+}

@@ -1,0 +1,471 @@
+//! Snapshots of the four formats, and the rules of what may stand in a table.
+
+use super::*;
+use crate::rows::tests::sample;
+
+fn coverage(expected_images: u64) -> Coverage {
+    Coverage {
+        expected_images,
+        source: "kitti".to_owned(),
+    }
+}
+
+/// Rows of a model over images of three drives; `value` is abs_rel of the first image.
+fn rows(model: &str, protocol: &str, images: u32, value: f64) -> Vec<Row> {
+    (0..images)
+        .map(|i| {
+            let image = format!("2011_09_26_drive_{:04}/{i:010}", i % 3);
+            let mut row = sample(model, protocol, &image, value + 0.001 * f64::from(i));
+            if protocol == "kitti2015" {
+                row.score.d1_all = Some(100.0 * value);
+            }
+            row
+        })
+        .collect()
+}
+
+/// A partial run of one model and of a baseline with an awkward name.
+fn table_3_1() -> Table {
+    let mut rows = [
+        rows("StrAT", "kitti2015", 36, 0.1),
+        rows("Median_depth & 5 % | [a](b)", "kitti2015", 36, 0.35),
+    ]
+    .concat();
+    rows[0].score.floored_pixels = 7;
+    for row in &mut rows[..36] {
+        row.context.variant = Some("bottleneck".to_owned());
+    }
+    build(ThesisTable::Table31, &rows, &coverage(200)).unwrap()
+}
+
+fn table_3_3() -> Table {
+    let rows = [
+        rows("StrAT", "eigen-80", 4, 0.1),
+        rows("StrAT", "eigen-50", 4, 0.09),
+    ]
+    .concat();
+    build(ThesisTable::Table33, &rows, &coverage(4)).unwrap()
+}
+
+fn table_3_2() -> Table {
+    let mut all = Vec::new();
+    for (image, value) in [("kitti2015/000000", 0.04), ("kitti2015/000001", 0.06)] {
+        for group in Group::ALL {
+            // No people in the second image.
+            if group == Group::Human && value > 0.05 {
+                continue;
+            }
+            let mut row = sample("StrAT", "semantic", image, value);
+            row.score.group = Some(group);
+            all.push(row);
+        }
+    }
+    build(ThesisTable::Table32, &all, &coverage(2)).unwrap()
+}
+
+#[test]
+fn table_3_1_as_text() {
+    insta::assert_snapshot!(table_3_1().text(), @r#"
+    Table 3.1, KITTI split: 36 of 200 images; protocol kitti2015 a569e08a7e07; data 0f1e2d3c4b5a
+    Measured figures over part of the images do not compete with published ones.
+    ────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Method                       Origin     Supervision      Images  Abs Rel   Sq Rel     RMSE  RMSE log   δ<1.25  δ<1.25²  δ<1.25³  D1-all
+    ────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Yang et al. [83] *           published  monocular video  -         0.172    1.559    6.794     0.252    0.744    0.910    0.969       -
+    Godard et al. [21]           published  stereo           -         0.124    1.388    6.125     0.217    0.841    0.936    0.975       -
+    Ours - No L_adv              published  stereo           -         0.118    1.124    5.916     0.211    0.835    0.936    0.975       -
+    Ours - Fixed Baseline        published  stereo           -         0.115    1.154    5.766     0.205    0.846    0.944    0.979       -
+    Ours - Random Baseline       published  stereo           -         0.112    1.089    5.636     0.201    0.850    0.946    0.980       -
+    Ours - StrAT                 published  stereo           -       [0.108]  [1.019]  [5.551]   [0.195]  [0.856]  [0.950]  [0.981]       -
+    StrAT (bottleneck)           measured   -                36/200    0.118    1.175    5.875     0.235    0.882    0.941    0.971  10.000
+    Median_depth & 5 % | [a](b)  measured   -                36/200    0.367    3.675   18.375     0.735    0.632    0.816    0.908  35.000
+    ────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Brackets: best of the comparable rows, to three decimals. Figures marked published are those printed in the thesis and were not measured here.
+    Godard et al. [21] (row 2 of the printed table): VGG encoder, while the thesis' own rows use ResNet-50.
+    Marks: * trained on monocular video.
+    StrAT under kitti2015, 95 % intervals (2000 resamples of 3 drives): Abs Rel 0.117 to 0.118, Sq Rel 1.165 to 1.185, RMSE 5.825 to 5.925, RMSE log 0.233 to 0.237, δ<1.25 0.881 to 0.884, δ<1.25² 0.941 to 0.942, δ<1.25³ 0.970 to 0.971.
+    StrAT under kitti2015: the disparity of 7 of 36000 pixels was raised to the floor.
+    Median_depth & 5 % | [a](b) under kitti2015, 95 % intervals (2000 resamples of 3 drives): Abs Rel 0.366 to 0.368, Sq Rel 3.665 to 3.685, RMSE 18.325 to 18.425, RMSE log 0.733 to 0.737, δ<1.25 0.631 to 0.634, δ<1.25² 0.816 to 0.817, δ<1.25³ 0.908 to 0.908.
+    "#);
+}
+
+#[test]
+fn table_3_1_as_markdown() {
+    insta::assert_snapshot!(table_3_1().markdown(), @r#"
+    ### Table 3.1, KITTI split: 36 of 200 images; protocol kitti2015 a569e08a7e07; data 0f1e2d3c4b5a
+
+    **Measured figures over part of the images do not compete with published ones.**
+
+    | Method | Origin | Supervision | Images | Abs Rel | Sq Rel | RMSE | RMSE log | δ&lt;1.25 | δ&lt;1.25² | δ&lt;1.25³ | D1-all |
+    | --- | --- | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
+    | Yang et al. [83] \* | published | monocular video | - | 0.172 | 1.559 | 6.794 | 0.252 | 0.744 | 0.910 | 0.969 | - |
+    | Godard et al. [21] | published | stereo | - | 0.124 | 1.388 | 6.125 | 0.217 | 0.841 | 0.936 | 0.975 | - |
+    | Ours - No L\_adv | published | stereo | - | 0.118 | 1.124 | 5.916 | 0.211 | 0.835 | 0.936 | 0.975 | - |
+    | Ours - Fixed Baseline | published | stereo | - | 0.115 | 1.154 | 5.766 | 0.205 | 0.846 | 0.944 | 0.979 | - |
+    | Ours - Random Baseline | published | stereo | - | 0.112 | 1.089 | 5.636 | 0.201 | 0.850 | 0.946 | 0.980 | - |
+    | Ours - StrAT | published | stereo | - | **0.108** | **1.019** | **5.551** | **0.195** | **0.856** | **0.950** | **0.981** | - |
+    | StrAT (bottleneck) | measured | - | 36/200 | 0.118 | 1.175 | 5.875 | 0.235 | 0.882 | 0.941 | 0.971 | 10.000 |
+    | Median\_depth &amp; 5 % \| [a\](b) | measured | - | 36/200 | 0.367 | 3.675 | 18.375 | 0.735 | 0.632 | 0.816 | 0.908 | 35.000 |
+
+    - Bold: best of the comparable rows, to three decimals. Figures marked published are those printed in the thesis and were not measured here.
+    - Godard et al. [21] (row 2 of the printed table): VGG encoder, while the thesis' own rows use ResNet-50.
+    - Marks: \* trained on monocular video.
+    - StrAT under kitti2015, 95 % intervals (2000 resamples of 3 drives): Abs Rel 0.117 to 0.118, Sq Rel 1.165 to 1.185, RMSE 5.825 to 5.925, RMSE log 0.233 to 0.237, δ&lt;1.25 0.881 to 0.884, δ&lt;1.25² 0.941 to 0.942, δ&lt;1.25³ 0.970 to 0.971.
+    - StrAT under kitti2015: the disparity of 7 of 36000 pixels was raised to the floor.
+    - Median\_depth &amp; 5 % \| [a\](b) under kitti2015, 95 % intervals (2000 resamples of 3 drives): Abs Rel 0.366 to 0.368, Sq Rel 3.665 to 3.685, RMSE 18.325 to 18.425, RMSE log 0.733 to 0.737, δ&lt;1.25 0.631 to 0.634, δ&lt;1.25² 0.816 to 0.817, δ&lt;1.25³ 0.908 to 0.908.
+    "#);
+}
+
+#[test]
+fn table_3_1_as_latex() {
+    insta::assert_snapshot!(table_3_1().latex(), @r#"
+    % Table 3.1, KITTI split: 36 of 200 images; protocol kitti2015 a569e08a7e07; data 0f1e2d3c4b5a
+    % needs \usepackage{booktabs} and \usepackage{xcolor}
+    \begin{table}
+    \centering
+    \caption{Table 3.1, KITTI split: 36 of 200 images; protocol kitti2015 a569e08a7e07; data 0f1e2d3c4b5a. Measured figures over part of the images do not compete with published ones.}
+    \label{tab:strat-3-1}
+    \begin{tabular}{llllrrrrrrrr}
+    \toprule
+    Method & Origin & Supervision & Images & Abs Rel & Sq Rel & RMSE & RMSE log & $\delta<1.25$ & $\delta<1.25^2$ & $\delta<1.25^3$ & D1-all \\
+    \midrule
+    Yang et al. {[}83{]}$^{*}$ & published & monocular video & - & 0.172 & 1.559 & 6.794 & 0.252 & 0.744 & 0.910 & 0.969 & - \\
+    Godard et al. {[}21{]} & published & stereo & - & 0.124 & 1.388 & 6.125 & 0.217 & 0.841 & 0.936 & 0.975 & - \\
+    Ours - No L\_adv & published & stereo & - & 0.118 & 1.124 & 5.916 & 0.211 & 0.835 & 0.936 & 0.975 & - \\
+    Ours - Fixed Baseline & published & stereo & - & 0.115 & 1.154 & 5.766 & 0.205 & 0.846 & 0.944 & 0.979 & - \\
+    Ours - Random Baseline & published & stereo & - & 0.112 & 1.089 & 5.636 & 0.201 & 0.850 & 0.946 & 0.980 & - \\
+    Ours - StrAT & published & stereo & - & \textbf{0.108} & \textbf{1.019} & \textbf{5.551} & \textbf{0.195} & \textbf{0.856} & \textbf{0.950} & \textbf{0.981} & - \\
+    StrAT (bottleneck) & measured & - & 36/200 & 0.118 & 1.175 & 5.875 & 0.235 & 0.882 & 0.941 & 0.971 & 10.000 \\
+    Median\_depth \& 5 \% \textbar{} {[}a{]}(b) & measured & - & 36/200 & 0.367 & 3.675 & 18.375 & 0.735 & 0.632 & 0.816 & 0.908 & 35.000 \\
+    \bottomrule
+    \end{tabular}
+    \begin{minipage}{\linewidth}\footnotesize
+    Bold: best of the comparable rows, to three decimals. Figures marked published are those printed in the thesis and were not measured here.\par
+    Godard et al. {[}21{]} (row 2 of the printed table): VGG encoder, while the thesis' own rows use ResNet-50.\par
+    Marks: {*} trained on monocular video.\par
+    StrAT under kitti2015, 95 \% intervals (2000 resamples of 3 drives): Abs Rel 0.117 to 0.118, Sq Rel 1.165 to 1.185, RMSE 5.825 to 5.925, RMSE log 0.233 to 0.237, $\delta$\textless{}1.25 0.881 to 0.884, $\delta$\textless{}1.25$^2$ 0.941 to 0.942, $\delta$\textless{}1.25$^3$ 0.970 to 0.971.\par
+    StrAT under kitti2015: the disparity of 7 of 36000 pixels was raised to the floor.\par
+    Median\_depth \& 5 \% \textbar{} {[}a{]}(b) under kitti2015, 95 \% intervals (2000 resamples of 3 drives): Abs Rel 0.366 to 0.368, Sq Rel 3.665 to 3.685, RMSE 18.325 to 18.425, RMSE log 0.733 to 0.737, $\delta$\textless{}1.25 0.631 to 0.634, $\delta$\textless{}1.25$^2$ 0.816 to 0.817, $\delta$\textless{}1.25$^3$ 0.908 to 0.908.\par
+    \end{minipage}
+    \end{table}
+    "#);
+}
+
+#[test]
+fn table_3_1_as_csv() {
+    insta::assert_snapshot!(table_3_1().csv().unwrap(), @r#"
+    table,section,method,origin,supervision,images,abs_rel,sq_rel,rmse,rmse_log,a1,a2,a3,d1_all,grey,protocol,protocol_digest,data_digest,expected_images
+    3.1,,Yang et al. [83],published,monocular video,,0.172,1.559,6.794,0.252,0.744,0.91,0.969,,false,kitti2015,,,
+    3.1,,Godard et al. [21],published,stereo,,0.124,1.388,6.125,0.217,0.841,0.936,0.975,,false,kitti2015,,,
+    3.1,,Ours - No L_adv,published,stereo,,0.118,1.124,5.916,0.211,0.835,0.936,0.975,,false,kitti2015,,,
+    3.1,,Ours - Fixed Baseline,published,stereo,,0.115,1.154,5.766,0.205,0.846,0.944,0.979,,false,kitti2015,,,
+    3.1,,Ours - Random Baseline,published,stereo,,0.112,1.089,5.636,0.201,0.85,0.946,0.98,,false,kitti2015,,,
+    3.1,,Ours - StrAT,published,stereo,,0.108,1.019,5.551,0.195,0.856,0.95,0.981,,false,kitti2015,,,
+    3.1,,StrAT (bottleneck),measured,,36,0.11750000000000001,1.175,5.875,0.23500000000000001,0.8825,0.9412499999999999,0.9706249999999998,10,false,kitti2015,a569e08a7e07ac2d32b57a77b85b605f0e5032c44a71f3e848373bc9b4eaa889,0f1e2d3c4b5a69788796a5b4c3d2e1f0,200
+    3.1,,Median_depth & 5 % | [a](b),measured,,36,0.3675,3.6750000000000003,18.375,0.735,0.6325,0.8162499999999999,0.9081249999999998,35,false,kitti2015,a569e08a7e07ac2d32b57a77b85b605f0e5032c44a71f3e848373bc9b4eaa889,0f1e2d3c4b5a69788796a5b4c3d2e1f0,200
+    "#);
+}
+
+#[test]
+fn table_3_3_as_text() {
+    insta::assert_snapshot!(table_3_3().text(), @r#"
+    Table 3.3, Eigen split: 4 of 4 images; protocol eigen-80 2bc91e5df36c, eigen-50 c64c43f21b30; data 0f1e2d3c4b5a
+    ──────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Method                      Origin            Supervision      Images  Abs Rel   Sq Rel     RMSE  RMSE log   δ<1.25  δ<1.25²  δ<1.25³
+    ──────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Up to 80 m (eigen-80)
+    Eigen et al. - Fine [16] *  published         depth            -         0.203    1.548    6.307     0.282    0.702    0.890    0.958
+    Liu et al. [47] *           published         depth            -         0.202    1.614    6.523     0.275    0.678    0.895    0.965
+    Kuznietsov et al. [39] *    published         depth            -         0.122  [0.763]    4.815   [0.194]    0.845    0.957  [0.987]
+    Amir et al. [7] †           published         synthetic depth  -         0.110    0.929  [4.726]   [0.194]  [0.923]  [0.967]    0.984
+    Zhou et al. [90]            published         monocular video  -         0.183    1.595    6.709     0.270    0.734    0.902    0.959
+    Yang et al. [83]            published         monocular video  -         0.182    1.481    6.501     0.267    0.725    0.906    0.963
+    Godard et al. [21]          published         stereo           -         0.148    1.344    5.927     0.247    0.803    0.922    0.964
+    Zhan et al. [86]            published         stereo video     -         0.135    1.132    5.585     0.229    0.820    0.933    0.971
+    Ours - StrAT                published         stereo           -         0.128    1.019    5.403     0.227    0.827    0.935    0.971
+    Poggi et al. [59]           published, later  stereo           -         0.129    0.996    5.281     0.223    0.831    0.939    0.974
+    Aleotti et al. [3]          published, later  stereo           -         0.118    0.908    4.978     0.210    0.855    0.948    0.976
+    StrAT                       measured          -                4/4     [0.102]    1.015    5.075     0.203    0.899    0.949    0.975
+
+    Up to 50 m (eigen-50)
+    Zhou et al. [90]            published         monocular video  -         0.201    1.391    5.181     0.264    0.696    0.900    0.966
+    Garg et al. [19]            published         stereo           -         0.169    1.080    5.104     0.273    0.740    0.904    0.962
+    Godard et al. [21]          published         stereo           -         0.140    0.976    4.471     0.232    0.818    0.931    0.969
+    Zhan et al. [86]            published         stereo video     -         0.128    0.815    4.366     0.225    0.818    0.937    0.973
+    Ours - StrAT                published         stereo           -         0.122  [0.768]  [4.095]     0.214    0.842    0.943    0.974
+    Aleotti et al. [3]          published, later  stereo           -         0.112    0.673    3.804     0.198    0.868    0.953    0.979
+    StrAT                       measured          -                4/4     [0.091]    0.915    4.575   [0.183]  [0.908]  [0.954]  [0.977]
+    ──────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Brackets: best of the comparable rows, to three decimals. Figures marked published are those printed in the thesis and were not measured here.
+    Eigen et al. - Fine [16] (row 1 of the printed table): own crop, not the one of Garg et al.
+    Amir et al. [7] (row 4 of the printed table): the method of Atapour-Abarghouei and Breckon.
+    Zhou et al. [90] (row 5 of the printed table): a later public model of the authors; their row at 50 m is the model of the paper.
+    Godard et al. [21] (row 7 of the printed table): VGG encoder, no post-processing.
+    Aleotti et al. [3] (row 11 of the printed table): by later reports trained on more data than KITTI (not checked).
+    Zhou et al. [90] (row 12 of the printed table): the model of the paper; the authors' row at 80 m is a later one.
+    Zhan et al. [86] (row 15 of the printed table): the first two figures and the other five seem to come from two models of that paper.
+    Aleotti et al. [3] (row 17 of the printed table): by later reports trained on more data than KITTI (not checked).
+    Marks: * trained with measured depth, † with synthetic images and their depth. Rows trained on monocular video were scaled by medians. Rows marked later are printed in grey in the thesis and appeared after its paper.
+    StrAT under eigen-80, 95 % intervals (2000 resamples of 3 drives): Abs Rel 0.101 to 0.102, Sq Rel 1.010 to 1.020, RMSE 5.050 to 5.100, RMSE log 0.202 to 0.204, δ<1.25 0.898 to 0.899, δ<1.25² 0.949 to 0.950, δ<1.25³ 0.975 to 0.975.
+    StrAT under eigen-50, 95 % intervals (2000 resamples of 3 drives): Abs Rel 0.091 to 0.092, Sq Rel 0.910 to 0.920, RMSE 4.550 to 4.600, RMSE log 0.182 to 0.184, δ<1.25 0.908 to 0.909, δ<1.25² 0.954 to 0.955, δ<1.25³ 0.977 to 0.977.
+    "#);
+}
+
+#[test]
+fn table_3_3_as_latex() {
+    insta::assert_snapshot!(table_3_3().latex(), @r#"
+    % Table 3.3, Eigen split: 4 of 4 images; protocol eigen-80 2bc91e5df36c, eigen-50 c64c43f21b30; data 0f1e2d3c4b5a
+    % needs \usepackage{booktabs} and \usepackage{xcolor}
+    \begin{table}
+    \centering
+    \caption{Table 3.3, Eigen split: 4 of 4 images; protocol eigen-80 2bc91e5df36c, eigen-50 c64c43f21b30; data 0f1e2d3c4b5a.}
+    \label{tab:strat-3-3}
+    \begin{tabular}{llllrrrrrrr}
+    \toprule
+    Method & Origin & Supervision & Images & Abs Rel & Sq Rel & RMSE & RMSE log & $\delta<1.25$ & $\delta<1.25^2$ & $\delta<1.25^3$ \\
+    \midrule
+    \multicolumn{11}{l}{\textit{Up to 80 m (eigen-80)}} \\
+    Eigen et al. - Fine {[}16{]}$^{*}$ & published & depth & - & 0.203 & 1.548 & 6.307 & 0.282 & 0.702 & 0.890 & 0.958 \\
+    Liu et al. {[}47{]}$^{*}$ & published & depth & - & 0.202 & 1.614 & 6.523 & 0.275 & 0.678 & 0.895 & 0.965 \\
+    Kuznietsov et al. {[}39{]}$^{*}$ & published & depth & - & 0.122 & \textbf{0.763} & 4.815 & \textbf{0.194} & 0.845 & 0.957 & \textbf{0.987} \\
+    Amir et al. {[}7{]}$^{\dagger}$ & published & synthetic depth & - & 0.110 & 0.929 & \textbf{4.726} & \textbf{0.194} & \textbf{0.923} & \textbf{0.967} & 0.984 \\
+    Zhou et al. {[}90{]} & published & monocular video & - & 0.183 & 1.595 & 6.709 & 0.270 & 0.734 & 0.902 & 0.959 \\
+    Yang et al. {[}83{]} & published & monocular video & - & 0.182 & 1.481 & 6.501 & 0.267 & 0.725 & 0.906 & 0.963 \\
+    Godard et al. {[}21{]} & published & stereo & - & 0.148 & 1.344 & 5.927 & 0.247 & 0.803 & 0.922 & 0.964 \\
+    Zhan et al. {[}86{]} & published & stereo video & - & 0.135 & 1.132 & 5.585 & 0.229 & 0.820 & 0.933 & 0.971 \\
+    Ours - StrAT & published & stereo & - & 0.128 & 1.019 & 5.403 & 0.227 & 0.827 & 0.935 & 0.971 \\
+    \textcolor{gray}{Poggi et al. {[}59{]}} & \textcolor{gray}{published, later} & \textcolor{gray}{stereo} & \textcolor{gray}{-} & \textcolor{gray}{0.129} & \textcolor{gray}{0.996} & \textcolor{gray}{5.281} & \textcolor{gray}{0.223} & \textcolor{gray}{0.831} & \textcolor{gray}{0.939} & \textcolor{gray}{0.974} \\
+    \textcolor{gray}{Aleotti et al. {[}3{]}} & \textcolor{gray}{published, later} & \textcolor{gray}{stereo} & \textcolor{gray}{-} & \textcolor{gray}{0.118} & \textcolor{gray}{0.908} & \textcolor{gray}{4.978} & \textcolor{gray}{0.210} & \textcolor{gray}{0.855} & \textcolor{gray}{0.948} & \textcolor{gray}{0.976} \\
+    StrAT & measured & - & 4/4 & \textbf{0.102} & 1.015 & 5.075 & 0.203 & 0.899 & 0.949 & 0.975 \\
+    \midrule
+    \multicolumn{11}{l}{\textit{Up to 50 m (eigen-50)}} \\
+    Zhou et al. {[}90{]} & published & monocular video & - & 0.201 & 1.391 & 5.181 & 0.264 & 0.696 & 0.900 & 0.966 \\
+    Garg et al. {[}19{]} & published & stereo & - & 0.169 & 1.080 & 5.104 & 0.273 & 0.740 & 0.904 & 0.962 \\
+    Godard et al. {[}21{]} & published & stereo & - & 0.140 & 0.976 & 4.471 & 0.232 & 0.818 & 0.931 & 0.969 \\
+    Zhan et al. {[}86{]} & published & stereo video & - & 0.128 & 0.815 & 4.366 & 0.225 & 0.818 & 0.937 & 0.973 \\
+    Ours - StrAT & published & stereo & - & 0.122 & \textbf{0.768} & \textbf{4.095} & 0.214 & 0.842 & 0.943 & 0.974 \\
+    \textcolor{gray}{Aleotti et al. {[}3{]}} & \textcolor{gray}{published, later} & \textcolor{gray}{stereo} & \textcolor{gray}{-} & \textcolor{gray}{0.112} & \textcolor{gray}{0.673} & \textcolor{gray}{3.804} & \textcolor{gray}{0.198} & \textcolor{gray}{0.868} & \textcolor{gray}{0.953} & \textcolor{gray}{0.979} \\
+    StrAT & measured & - & 4/4 & \textbf{0.091} & 0.915 & 4.575 & \textbf{0.183} & \textbf{0.908} & \textbf{0.954} & \textbf{0.977} \\
+    \bottomrule
+    \end{tabular}
+    \begin{minipage}{\linewidth}\footnotesize
+    Bold: best of the comparable rows, to three decimals. Figures marked published are those printed in the thesis and were not measured here.\par
+    Eigen et al. - Fine {[}16{]} (row 1 of the printed table): own crop, not the one of Garg et al.\par
+    Amir et al. {[}7{]} (row 4 of the printed table): the method of Atapour-Abarghouei and Breckon.\par
+    Zhou et al. {[}90{]} (row 5 of the printed table): a later public model of the authors; their row at 50 m is the model of the paper.\par
+    Godard et al. {[}21{]} (row 7 of the printed table): VGG encoder, no post-processing.\par
+    Aleotti et al. {[}3{]} (row 11 of the printed table): by later reports trained on more data than KITTI (not checked).\par
+    Zhou et al. {[}90{]} (row 12 of the printed table): the model of the paper; the authors' row at 80 m is a later one.\par
+    Zhan et al. {[}86{]} (row 15 of the printed table): the first two figures and the other five seem to come from two models of that paper.\par
+    Aleotti et al. {[}3{]} (row 17 of the printed table): by later reports trained on more data than KITTI (not checked).\par
+    Marks: {*} trained with measured depth, $\dagger$ with synthetic images and their depth. Rows trained on monocular video were scaled by medians. Rows marked later are printed in grey in the thesis and appeared after its paper.\par
+    StrAT under eigen-80, 95 \% intervals (2000 resamples of 3 drives): Abs Rel 0.101 to 0.102, Sq Rel 1.010 to 1.020, RMSE 5.050 to 5.100, RMSE log 0.202 to 0.204, $\delta$\textless{}1.25 0.898 to 0.899, $\delta$\textless{}1.25$^2$ 0.949 to 0.950, $\delta$\textless{}1.25$^3$ 0.975 to 0.975.\par
+    StrAT under eigen-50, 95 \% intervals (2000 resamples of 3 drives): Abs Rel 0.091 to 0.092, Sq Rel 0.910 to 0.920, RMSE 4.550 to 4.600, RMSE log 0.182 to 0.184, $\delta$\textless{}1.25 0.908 to 0.909, $\delta$\textless{}1.25$^2$ 0.954 to 0.955, $\delta$\textless{}1.25$^3$ 0.977 to 0.977.\par
+    \end{minipage}
+    \end{table}
+    "#);
+}
+
+#[test]
+fn table_3_2_as_text() {
+    insta::assert_snapshot!(table_3_2().text(), @r#"
+    Table 3.2, RMSE in metres by semantic group: 2 of 2 images; protocol semantic 300e54cd8005; data 0f1e2d3c4b5a
+    ────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Group                                          Godard et al. [21] (published)  Ours - Photometric (published)  Ours - Adversarial (published)  StrAT (measured)  Images  Pixels
+    ────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Mean over the images that contain the group
+    Flat                                                                    2.165                           2.376                         [2.149]             2.500       2    2000
+    Human                                                                   3.190                           2.763                           2.770           [2.000]       1    1000
+    Vehicle                                                                 3.690                           3.968                           3.507           [2.500]       2    2000
+    Construction                                                            9.713                           9.936                           9.364           [2.500]       2    2000
+    Object                                                                 12.763                          11.789                          11.537           [2.500]       2    2000
+
+    Root of the mean over all pixels of the group
+    Flat                                                                        -                               -                               -             2.550       2    2000
+    Human                                                                       -                               -                               -             2.000       1    1000
+    Vehicle                                                                     -                               -                               -             2.550       2    2000
+    Construction                                                                -                               -                               -             2.550       2    2000
+    Object                                                                      -                               -                               -             2.550       2    2000
+    ────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Brackets: best of the comparable rows, to three decimals. Figures marked published are those printed in the thesis and were not measured here.
+    The thesis does not say how it averaged; its figures stand beside the mean over images. Its text calls the adversarial model better in every group, but for Human its table has 2.770 against 2.763 without the adversarial term.
+    "#);
+}
+
+#[test]
+fn table_3_2_as_markdown() {
+    insta::assert_snapshot!(table_3_2().markdown(), @r#"
+    ### Table 3.2, RMSE in metres by semantic group: 2 of 2 images; protocol semantic 300e54cd8005; data 0f1e2d3c4b5a
+
+    | Group | Godard et al. [21] (published) | Ours - Photometric (published) | Ours - Adversarial (published) | StrAT (measured) | Images | Pixels |
+    | --- | ---: | ---: | ---: | ---: | ---: | ---: |
+    | **Mean over the images that contain the group** |  |  |  |  |  |  |
+    | Flat | 2.165 | 2.376 | **2.149** | 2.500 | 2 | 2000 |
+    | Human | 3.190 | 2.763 | 2.770 | **2.000** | 1 | 1000 |
+    | Vehicle | 3.690 | 3.968 | 3.507 | **2.500** | 2 | 2000 |
+    | Construction | 9.713 | 9.936 | 9.364 | **2.500** | 2 | 2000 |
+    | Object | 12.763 | 11.789 | 11.537 | **2.500** | 2 | 2000 |
+    | **Root of the mean over all pixels of the group** |  |  |  |  |  |  |
+    | Flat | - | - | - | 2.550 | 2 | 2000 |
+    | Human | - | - | - | 2.000 | 1 | 1000 |
+    | Vehicle | - | - | - | 2.550 | 2 | 2000 |
+    | Construction | - | - | - | 2.550 | 2 | 2000 |
+    | Object | - | - | - | 2.550 | 2 | 2000 |
+
+    - Bold: best of the comparable rows, to three decimals. Figures marked published are those printed in the thesis and were not measured here.
+    - The thesis does not say how it averaged; its figures stand beside the mean over images. Its text calls the adversarial model better in every group, but for Human its table has 2.770 against 2.763 without the adversarial term.
+    "#);
+}
+
+#[test]
+fn published_rows_alone() {
+    let table = build(ThesisTable::Table31, &[], &coverage(200)).unwrap();
+    insta::assert_snapshot!(table.text(), @r#"
+    Table 3.1, KITTI split: 0 of 200 images, nothing measured; protocol kitti2015 a569e08a7e07
+    ───────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Method                  Origin     Supervision      Images  Abs Rel   Sq Rel     RMSE  RMSE log   δ<1.25  δ<1.25²  δ<1.25³  D1-all
+    ───────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Yang et al. [83] *      published  monocular video  -         0.172    1.559    6.794     0.252    0.744    0.910    0.969       -
+    Godard et al. [21]      published  stereo           -         0.124    1.388    6.125     0.217    0.841    0.936    0.975       -
+    Ours - No L_adv         published  stereo           -         0.118    1.124    5.916     0.211    0.835    0.936    0.975       -
+    Ours - Fixed Baseline   published  stereo           -         0.115    1.154    5.766     0.205    0.846    0.944    0.979       -
+    Ours - Random Baseline  published  stereo           -         0.112    1.089    5.636     0.201    0.850    0.946    0.980       -
+    Ours - StrAT            published  stereo           -       [0.108]  [1.019]  [5.551]   [0.195]  [0.856]  [0.950]  [0.981]       -
+    ───────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
+    Brackets: best of the comparable rows, to three decimals. Figures marked published are those printed in the thesis and were not measured here.
+    Godard et al. [21] (row 2 of the printed table): VGG encoder, while the thesis' own rows use ResNet-50.
+    Marks: * trained on monocular video.
+    "#);
+}
+
+/// Text of the cell of a method in a column, with its brackets.
+fn best_methods(table: &Table, key: &str) -> Vec<String> {
+    let place = table
+        .columns
+        .iter()
+        .position(|column| column.key == key)
+        .unwrap();
+    let lines = table.sections.iter().flat_map(|section| &section.lines);
+    lines
+        .filter(|line| line.cells[place].best)
+        .map(|line| line.cells[0].text.clone())
+        .collect()
+}
+
+#[test]
+fn only_complete_measurements_of_the_real_data_compete() {
+    let good = rows("New", "kitti2015", 3, 0.05);
+    let best = |coverage: &Coverage| {
+        best_methods(
+            &build(ThesisTable::Table31, &good, coverage).unwrap(),
+            "abs_rel",
+        )
+    };
+    assert_eq!(best(&coverage(3)), ["New"]);
+    assert_eq!(best(&coverage(4)), ["Ours - StrAT"]);
+    let rendered = Coverage {
+        expected_images: 3,
+        source: "rendered".to_owned(),
+    };
+    assert_eq!(best(&rendered), ["Ours - StrAT"]);
+    let text = build(ThesisTable::Table31, &good, &rendered)
+        .unwrap()
+        .text();
+    assert!(
+        text.contains("The images are rendered, not KITTI"),
+        "{text}"
+    );
+}
+
+#[test]
+fn grey_rows_and_own_crops_do_not_compete_and_ties_share() {
+    let table = table_3_3();
+    // Grey Aleotti has 0.118, Amir et al. 0.110 at 80 m; measured 0.1015 and 0.0915.
+    assert_eq!(best_methods(&table, "abs_rel"), ["StrAT", "StrAT"]);
+    let table = build(ThesisTable::Table33, &[], &coverage(697)).unwrap();
+    assert_eq!(
+        best_methods(&table, "abs_rel"),
+        ["Amir et al. [7]", "Ours - StrAT"]
+    );
+    assert_eq!(
+        best_methods(&table, "rmse_log"),
+        ["Kuznietsov et al. [39]", "Amir et al. [7]", "Ours - StrAT"]
+    );
+    assert_eq!(
+        best_methods(&table, "a1"),
+        ["Amir et al. [7]", "Ours - StrAT"]
+    );
+}
+
+#[test]
+fn other_protocols_are_shown_but_not_compared() {
+    let rows = rows("New", "eigen-cameraz-80", 3, 0.05);
+    let protocols = ["eigen-cameraz-80", "eigen-cameraz-50"];
+    let table = build_with(ThesisTable::Table33, &protocols, &rows, &coverage(3)).unwrap();
+    assert!(best_methods(&table, "abs_rel").is_empty());
+    let text = table.text();
+    assert!(text.starts_with("Table 3.3, Eigen split: 3 of 3 images; protocol eigen-cameraz-80 "));
+    assert!(text.contains("Measured under eigen-cameraz-80, published under eigen-80"));
+    assert!(matches!(
+        build_with(ThesisTable::Table33, &["eigen-80"], &rows, &coverage(3)),
+        Err(TableError::Sections { .. })
+    ));
+}
+
+#[test]
+fn the_first_line_counts_each_model() {
+    let rows = [
+        rows("A", "kitti2015", 36, 0.1),
+        rows("B", "kitti2015", 200, 0.1),
+    ]
+    .concat();
+    let table = build(ThesisTable::Table31, &rows, &coverage(200)).unwrap();
+    assert_eq!(
+        table.first_line(),
+        "Table 3.1, KITTI split: 36 of 200 images for A under kitti2015, 200 of 200 images for B \
+         under kitti2015; protocol kitti2015 a569e08a7e07; data 0f1e2d3c4b5a"
+    );
+}
+
+#[test]
+fn rows_of_other_rules_or_data_are_refused() {
+    let good = rows("A", "kitti2015", 3, 0.1);
+    let refuse = |rows: &[Row], expected| {
+        build(ThesisTable::Table31, rows, &coverage(expected)).unwrap_err()
+    };
+    assert!(matches!(
+        refuse(&good, 2),
+        TableError::Excess { found: 3, .. }
+    ));
+
+    let mut old = good.clone();
+    for row in &mut old {
+        row.context.protocol_digest = "0123456789abcdef".to_owned();
+    }
+    assert_eq!(
+        refuse(&old, 200).to_string(),
+        "the rows of model A were measured under another definition of kitti2015 (digest \
+         0123456789ab; here it is a569e08a7e07), so measure again with this version"
+    );
+
+    let mut others = rows("B", "kitti2015", 3, 0.1);
+    for row in &mut others {
+        row.context.data_digest = "other".to_owned();
+    }
+    let error = refuse(&[good.clone(), others].concat(), 200);
+    assert!(matches!(error, TableError::Data { .. }), "{error}");
+
+    let error = refuse(&[good.clone(), good].concat(), 200);
+    assert!(
+        matches!(error, TableError::Rows(RowsError::Duplicate { .. })),
+        "{error}"
+    );
+}
+
+#[test]
+fn names_of_tables() {
+    for table in ThesisTable::ALL {
+        assert_eq!(table.to_string().parse(), Ok(table));
+    }
+    assert!("3.4".parse::<ThesisTable>().is_err());
+}

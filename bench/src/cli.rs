@@ -1,0 +1,899 @@
+//! The `bench` command: arguments, order of work, messages and exit codes.
+//!
+//! Results go to stdout, everything else to stderr. Exit codes: 0 done, 1 failed or incomplete,
+//! 2 wrong usage. A broken image or model costs itself only and ends in code 1; what was good is
+//! kept.
+#![allow(
+    clippy::print_stdout,
+    reason = "results of a command belong on stdout; this is the one module that prints them"
+)]
+
+use std::{
+    collections::BTreeSet,
+    ffi::OsString,
+    io::Write as _,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use anyhow::Context as _;
+use clap::{Args, Parser, Subcommand};
+use strat_metrics::{Protocol, Row, RowContext, protocols, tables::Coverage};
+use strat_onnx::metadata::OutputMeaning;
+use strat_splits::Role;
+use strat_store::{
+    files, image_files,
+    progress::Progress,
+    set::{PreparedSet, Sample},
+};
+
+use crate::{
+    baseline::{self, MedianDepth},
+    model::{Model, PROBE_TOLERANCE},
+    pictures,
+    predict::{self, Evaluation, Failure, Predictor, Task},
+    predictions::PredictionWriter,
+    runtime::{Device, Runtime, RuntimeChoice},
+    setup::{self, SetupOptions, Surroundings},
+    tables::{self, DataRecord, ModelRecord, PlanError, ProtocolRecord, RunRecord, TableChoice},
+};
+
+const DONE: u8 = 0;
+const FAILED: u8 = 1;
+const USAGE: u8 = 2;
+
+const TOOL_VERSION: &str = env!("CARGO_PKG_VERSION");
+
+const EXAMPLES: &str = "\
+Examples:
+  bench setup
+      put ONNX Runtime into a folder of its own, once
+  bench --table 3.1 --data kitti_set --model strat=model.onnx --out results
+      table 3.1 for one model
+  bench --table 3.3 --data eigen_set --model a.onnx --model b.onnx --out results --device cuda
+      two models side by side on an NVIDIA device
+  bench --table all --data kitti_set --model model.onnx --median-baseline --pictures 8 --out results
+      all tables the set offers, a constant baseline, and pictures
+  bench protocols
+      the evaluation rules by name
+
+Models of other projects need a description beside the file (model.yaml for model.onnx):
+  input:  {width: 640, height: 192, range: 0..1, mean: [0.485, 0.456, 0.406],
+           std: [0.229, 0.224, 0.225], channels: rgb, kernel: bilinear}
+  output: {name: disp, meaning: disparity_fraction, channel: 0}
+where meaning is disparity_fraction, disparity_px, inverse_depth (of unknown scale) or depth_m.
+
+Exit codes: 0 done, 1 failed or incomplete, 2 wrong usage.";
+
+#[derive(Debug, Parser)]
+#[command(
+    name = "bench",
+    version,
+    about = "Evaluates ONNX depth models and writes the tables 3.1, 3.2 and 3.3",
+    after_help = EXAMPLES,
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
+    arg_required_else_help = true
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    run: Option<RunArgs>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Install ONNX Runtime into a folder of its own (needs python3 with pip, once)
+    Setup(SetupArgs),
+    /// List the evaluation protocols, or state the rules of one
+    Protocols {
+        /// State the rules of this protocol in words
+        name: Option<String>,
+    },
+}
+
+#[derive(Debug, Args)]
+struct SetupArgs {
+    /// The CUDA build and the CUDA 13 libraries (about 2.5 GB) instead of the CPU build (70 MB)
+    #[arg(long)]
+    gpu: bool,
+    /// Install below this folder instead of STRAT_HOME or the user's data folder
+    #[arg(long, value_name = "DIR")]
+    dir: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+struct RunArgs {
+    /// Table of the thesis to fill; `all` is whatever the data offers
+    #[arg(long, value_enum)]
+    table: TableChoice,
+    /// Folder that `prep` has written
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// ONNX file, with the name it shall have in tables; may be given several times
+    #[arg(long = "model", value_name = "[NAME=]FILE.onnx")]
+    models: Vec<String>,
+    /// Folder for rows, tables and the run record
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Further protocols for rows.csv and leaderboard.csv, by name (see `bench protocols`)
+    #[arg(long = "protocol", value_name = "NAME")]
+    protocols: Vec<String>,
+    /// Add a measured row: the median depth of the training scans at each place in the picture
+    #[arg(long)]
+    median_baseline: bool,
+    /// Where the model runs
+    #[arg(long, value_enum, default_value_t)]
+    device: Device,
+    /// Inference library; `auto` is ONNX Runtime when it is there, else the embedded one
+    #[arg(long, value_enum, default_value_t)]
+    runtime: RuntimeChoice,
+    /// Also write predictions.npy (disparity fractions at network size) and predictions.ids.txt
+    #[arg(long)]
+    save_predictions: bool,
+    /// Write this many comparison pictures per model
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pictures: usize,
+    /// Threads for decoding and metrics, and for the model [default: all cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+    /// No progress and no notes; warnings and errors still show
+    #[arg(long)]
+    quiet: bool,
+}
+
+/// Runs the command with the given arguments, the program's name first, and returns the exit
+/// code.
+pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
+    let args: Vec<OsString> = args.into_iter().collect();
+    let arguments: Vec<String> = args
+        .iter()
+        .skip(1)
+        .map(|argument| argument.to_string_lossy().into_owned())
+        .collect();
+    let cli = match Cli::try_parse_from(&args) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // clap knows which of its messages are help (stdout, success) and which are not.
+            let _ = error.print();
+            return if error.use_stderr() { USAGE } else { DONE };
+        }
+    };
+    let result = match cli {
+        Cli {
+            command: Some(Command::Setup(args)),
+            ..
+        } => set_up(&args),
+        Cli {
+            command: Some(Command::Protocols { name }),
+            ..
+        } => list_protocols(name.as_deref()),
+        Cli {
+            command: None,
+            run: Some(args),
+        } => run(&args, arguments),
+        Cli {
+            command: None,
+            run: None,
+        } => Err(Usage("nothing to do; see `bench --help`".to_owned()).into()),
+    };
+    match result {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("error: {}", sentence(&error));
+            if error.is::<Usage>() || error.is::<PlanError>() {
+                USAGE
+            } else {
+                FAILED
+            }
+        }
+    }
+}
+
+/// An error with its causes; a cause that the message already states is not said twice.
+fn sentence(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain() {
+        let cause = cause.to_string();
+        if text.is_empty() {
+            text = cause;
+        } else if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
+}
+
+/// A request that contradicts itself.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Usage(String);
+
+/// Prints results; a reader that has seen enough (`| head`) is no error.
+fn print(text: &str) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        other => other.context("the results could not be printed"),
+    }
+}
+
+fn set_up(args: &SetupArgs) -> anyhow::Result<u8> {
+    let surroundings = Surroundings::of_this_process();
+    let options = SetupOptions {
+        gpu: args.gpu,
+        root: args.dir.clone(),
+    };
+    if setup::installed(&options, &surroundings)?.is_none() {
+        let size = if args.gpu {
+            "CUDA, about 2.5 GB"
+        } else {
+            "CPU, about 70 MB"
+        };
+        eprintln!(
+            "installing ONNX Runtime {} ({size}) ...",
+            setup::ONNXRUNTIME_VERSION
+        );
+    }
+    let installed = setup::install(&options, &surroundings)?;
+    let version = crate::native::onnxruntime_version(&installed.library).map_err(|reason| {
+        anyhow::anyhow!(
+            "the library in {} cannot be opened: {reason}",
+            installed.library.display()
+        )
+    })?;
+    print(&format!("{}\n", installed.library.display()))?;
+    eprintln!(
+        "ONNX Runtime {version} is {} {}; `bench` finds it there from now on, and deleting the \
+         folder undoes this",
+        if installed.already_there {
+            "already in"
+        } else {
+            "now in"
+        },
+        installed.folder.display()
+    );
+    if let Some(root) = &args.dir {
+        // A folder of the user's own is found only when it is named.
+        eprintln!(
+            "to have it found, set STRAT_HOME={} (or ORT_DYLIB_PATH={})",
+            root.display(),
+            installed.library.display()
+        );
+    }
+    Ok(DONE)
+}
+
+fn list_protocols(name: Option<&str>) -> anyhow::Result<u8> {
+    if let Some(name) = name {
+        let protocol = strat_metrics::protocol(name).ok_or_else(|| {
+            Usage(format!(
+                "there is no protocol \"{name}\"; `bench protocols` lists them"
+            ))
+        })?;
+        print(&format!(
+            "{} (version {}, digest {})\n{}\n",
+            protocol.name,
+            protocol.version,
+            protocol.digest(),
+            protocol.describe()
+        ))?;
+        return Ok(DONE);
+    }
+    let mut text = String::new();
+    for protocol in protocols() {
+        let digest = protocol.digest();
+        let tables: Vec<String> = strat_metrics::tables::ThesisTable::ALL
+            .iter()
+            .filter(|table| table.protocols().contains(&protocol.name.as_str()))
+            .map(|table| format!("table {table}"))
+            .collect();
+        text += &format!(
+            "{:<22} version {}  {}  {}\n",
+            protocol.name,
+            protocol.version,
+            &digest[..12.min(digest.len())],
+            tables.join(", ")
+        );
+    }
+    text += "\nEach name also takes -median (median scaling) and -pp (flip post-processing).\n\
+             `bench protocols NAME` states the rules.\n";
+    print(&text)?;
+    Ok(DONE)
+}
+
+/// A model as asked for.
+struct Asked {
+    name: String,
+    file: PathBuf,
+}
+
+/// Splits `[NAME=]FILE` and finds a name for those without.
+fn asked_models(texts: &[String], median_baseline: bool) -> Result<Vec<Asked>, Usage> {
+    let mut asked: Vec<Asked> = Vec::new();
+    for text in texts {
+        // A file may have an equals sign in its own name.
+        let (name, file) = match text.split_once('=') {
+            Some((name, file)) if !Path::new(text).exists() => (Some(name), PathBuf::from(file)),
+            _ => (None, PathBuf::from(text)),
+        };
+        let name = match name {
+            Some(name) => name.trim().to_owned(),
+            None => default_name(&file),
+        };
+        if name.is_empty() || file.as_os_str().is_empty() {
+            return Err(Usage(format!(
+                "`--model {text}` needs a file, and before `=` a name that is not empty"
+            )));
+        }
+        let taken = median_baseline && name == baseline::NAME;
+        if taken || asked.iter().any(|other| other.name == name) {
+            return Err(Usage(format!(
+                "two models are called \"{name}\"; name them with `--model NAME=FILE`"
+            )));
+        }
+        asked.push(Asked { name, file });
+    }
+    Ok(asked)
+}
+
+/// The file's name, or its folder's where every file is called the same.
+fn default_name(file: &Path) -> String {
+    let text = |part: Option<&std::ffi::OsStr>| {
+        part.map(|part| part.to_string_lossy().into_owned())
+            .unwrap_or_default()
+    };
+    let stem = text(file.file_stem());
+    let folder = text(file.parent().and_then(Path::file_name));
+    if stem == "model" && !folder.is_empty() {
+        folder
+    } else {
+        stem
+    }
+}
+
+/// File name for something called `name`.
+fn slug(name: &str) -> String {
+    let slug: String = name
+        .chars()
+        .map(|c| {
+            if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') {
+                c
+            } else {
+                '_'
+            }
+        })
+        .collect();
+    // A name of dots would be a folder.
+    if slug.chars().all(|c| c == '.') {
+        "_".to_owned()
+    } else {
+        slug
+    }
+}
+
+/// Everything a run collects on its way.
+struct Session<'a> {
+    args: &'a RunArgs,
+    set: PreparedSet,
+    samples: Vec<Sample>,
+    protocols: Vec<Protocol>,
+    pool: rayon::ThreadPool,
+    wanted_pictures: BTreeSet<usize>,
+    rows: Vec<Row>,
+    failures: Vec<Failure>,
+    records: Vec<ModelRecord>,
+    warnings: Vec<String>,
+    /// Something failed that is not an image.
+    incomplete: bool,
+    several: bool,
+}
+
+impl Session<'_> {
+    fn note(&self, text: &str) {
+        if !self.args.quiet {
+            eprintln!("{text}");
+        }
+    }
+
+    fn warn(&mut self, text: String) {
+        eprintln!("warning: {text}");
+        self.warnings.push(text);
+    }
+
+    fn fail(&mut self, text: String) {
+        eprintln!("error: {text}");
+        self.warnings.push(text);
+        self.incomplete = true;
+    }
+}
+
+fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
+    let asked = asked_models(&args.models, args.median_baseline)?;
+    let set = PreparedSet::open(&args.data)?;
+    let samples = set.samples(Role::Test)?;
+    let count = tables::test_count(&set, &samples);
+    let plan = tables::plan(
+        args.table,
+        &args.protocols,
+        set.manifest.split,
+        &samples,
+        count,
+    )?;
+    files::check_writable(&args.out)?;
+    let jobs = args.jobs.map_or(0, usize::from);
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(jobs)
+        .thread_name(|index| format!("bench-{index}"))
+        .build()
+        .context("the worker threads could not be started")?;
+    let wanted = args.pictures.min(samples.len());
+    let mut session = Session {
+        args,
+        wanted_pictures: (0..wanted).map(|i| i * samples.len() / wanted).collect(),
+        protocols: plan.protocols.clone(),
+        pool,
+        rows: Vec::new(),
+        failures: Vec::new(),
+        records: Vec::new(),
+        warnings: Vec::new(),
+        incomplete: false,
+        several: asked.len() > 1,
+        set,
+        samples,
+    };
+    for sentence in &plan.left_out {
+        session.note(&format!("note: {sentence}"));
+    }
+    if count.found < count.expected {
+        let text = format!(
+            "{} of {} test images are in this set; every table says so",
+            count.found, count.expected
+        );
+        session.note(&format!("note: {text}"));
+    }
+
+    let mut runtime = None;
+    if !asked.is_empty() {
+        let (found, notice) = Runtime::resolve(args.runtime, args.device)?;
+        if let Some(notice) = notice {
+            eprintln!("note: {notice}");
+        }
+        session.note(&format!(
+            "{} images, {found}, device {}",
+            session.samples.len(),
+            args.device
+        ));
+        for model in &asked {
+            evaluate_model(&mut session, model, &found, jobs)?;
+        }
+        runtime = Some(found);
+    }
+    if args.median_baseline {
+        evaluate_baseline(&mut session)?;
+    }
+    write_results(session, &plan.tables, runtime.as_ref(), arguments)
+}
+
+/// Loads, checks and evaluates one model. A model that cannot be used is reported and skipped.
+fn evaluate_model(
+    session: &mut Session<'_>,
+    asked: &Asked,
+    runtime: &Runtime,
+    threads: usize,
+) -> anyhow::Result<()> {
+    let device = session.args.device;
+    let mut model = match Model::open(&asked.name, &asked.file, runtime, device, threads) {
+        Ok(model) => model,
+        Err(error) => {
+            session.fail(format!("model {}: {error}", asked.name));
+            return Ok(());
+        }
+    };
+    let probe = check_model(session, &mut model)?;
+    let Ok(probe) = probe else { return Ok(()) };
+
+    let protocols = if model.description.output.meaning == OutputMeaning::InverseDepth {
+        session.warn(format!(
+            "model {} gives inverse depth of unknown scale: its predictions are scaled by the \
+             median of the ground truth, and its rows stand in tables of their own",
+            model.name
+        ));
+        session
+            .protocols
+            .iter()
+            .cloned()
+            .map(Protocol::with_median_scaling)
+            .collect()
+    } else {
+        session.protocols.clone()
+    };
+    let metadata = model.file.info.metadata().cloned();
+    let context = RowContext {
+        model: model.name.clone(),
+        model_hash: model.file.blake3.clone(),
+        variant: metadata
+            .as_ref()
+            .and_then(|metadata| metadata.variant.clone()),
+        runtime: model.runtime().to_owned(),
+        provider: model.provider().to_owned(),
+        ..shared_context(session)
+    };
+    let mut writer = None;
+    if session.args.save_predictions {
+        let name = if session.several {
+            format!("predictions-{}.npy", slug(&model.name))
+        } else {
+            "predictions.npy".to_owned()
+        };
+        writer = Some(PredictionWriter::create(&session.args.out.join(name))?);
+    }
+    let started = Instant::now();
+    let evaluation = predict_all(
+        session,
+        &model.name.clone(),
+        &mut Predictor::Model(&mut model),
+        &protocols,
+        &context,
+        &mut writer,
+    )?;
+    if let Some(writer) = writer {
+        writer.finish()?;
+    }
+    let record = ModelRecord {
+        name: model.name.clone(),
+        file: Some(asked.file.clone()),
+        blake3: model.file.blake3.clone(),
+        description: Some(model.description.clone()),
+        metadata,
+        parameters: Some(model.file.info.parameters),
+        runtime: model.runtime().to_owned(),
+        provider: model.provider().to_owned(),
+        probe_max_difference: probe,
+        images: images_in(&evaluation.rows),
+        seconds: started.elapsed().as_secs_f64(),
+        note: None,
+    };
+    keep(session, evaluation, record)
+}
+
+/// Leakage and the trainer's own probe. The inner error is a model that does not run at all.
+#[allow(
+    clippy::result_unit_err,
+    reason = "the failure has been reported; the caller only skips the model"
+)]
+fn check_model(
+    session: &mut Session<'_>,
+    model: &mut Model,
+) -> anyhow::Result<Result<Option<f32>, ()>> {
+    for problem in model.file.info.description.problems.clone() {
+        session.warn(format!("model {}: {problem}", model.name));
+    }
+    let tested = session.set.manifest.split.to_string();
+    match model
+        .file
+        .info
+        .metadata()
+        .map(|metadata| metadata.split.clone())
+    {
+        Some(Some(trained)) if trained != tested => session.warn(format!(
+            "LEAKAGE: model {} was trained on the {trained} split and is tested on the {tested} \
+             split; drives of its training may be among the test images, so its figures are no \
+             measure of anything new and must not be compared",
+            model.name
+        )),
+        Some(Some(_)) => {}
+        Some(None) | None => session.note(&format!(
+            "note: model {} does not say which split it was trained on, so leakage cannot be \
+             checked",
+            model.name
+        )),
+    }
+    match model.probe() {
+        Err(error) => {
+            session.fail(format!("model {}: {error}", model.name));
+            Ok(Err(()))
+        }
+        Ok(None) => {
+            session.note(&format!(
+                "note: model {} carries no probe; whether this runtime computes what was trained \
+                 is not checked",
+                model.name
+            ));
+            Ok(Ok(None))
+        }
+        Ok(Some(result)) => {
+            let difference = result.max_difference;
+            if result.passes() {
+                session.note(&format!(
+                    "model {} on {}: largest difference to the trainer's own output {difference:.1e}",
+                    model.name,
+                    model.provider()
+                ));
+            } else {
+                session.warn(format!(
+                    "PROBE FAILED: model {} on {} differs from the trainer's own output by \
+                     {difference:.1e} (more than {PROBE_TOLERANCE:.0e}); this runtime does not \
+                     compute what was trained, so do not trust the figures",
+                    model.name,
+                    model.provider()
+                ));
+            }
+            Ok(Ok(Some(difference)))
+        }
+    }
+}
+
+fn evaluate_baseline(session: &mut Session<'_>) -> anyhow::Result<()> {
+    let median = match MedianDepth::of_training(&session.set, &session.pool, session.args.quiet) {
+        Ok(median) => median,
+        Err(error) => {
+            session.fail(error.to_string());
+            return Ok(());
+        }
+    };
+    let (runtime, provider) = ("none", "none");
+    let context = RowContext {
+        model: baseline::NAME.to_owned(),
+        model_hash: median.digest(),
+        variant: None,
+        runtime: runtime.to_owned(),
+        provider: provider.to_owned(),
+        ..shared_context(session)
+    };
+    let protocols = session.protocols.clone();
+    let started = Instant::now();
+    let evaluation = predict_all(
+        session,
+        baseline::NAME,
+        &mut Predictor::MedianDepth(&median),
+        &protocols,
+        &context,
+        &mut None,
+    )?;
+    let record = ModelRecord {
+        name: baseline::NAME.to_owned(),
+        file: None,
+        blake3: median.digest(),
+        description: None,
+        metadata: None,
+        parameters: None,
+        runtime: runtime.to_owned(),
+        provider: provider.to_owned(),
+        probe_max_difference: None,
+        images: images_in(&evaluation.rows),
+        seconds: started.elapsed().as_secs_f64(),
+        note: Some(format!(
+            "per-place median of {} of {} training scans on a grid of {}x{}",
+            median.images,
+            median.available,
+            baseline::GRID_WIDTH,
+            baseline::GRID_HEIGHT
+        )),
+    };
+    keep(session, evaluation, record)
+}
+
+fn shared_context(session: &Session<'_>) -> RowContext {
+    let manifest = &session.set.manifest;
+    RowContext {
+        data_digest: manifest.data_digest.clone(),
+        split: manifest.split.to_string(),
+        tool_version: TOOL_VERSION.to_owned(),
+        ..RowContext::default()
+    }
+}
+
+fn predict_all(
+    session: &Session<'_>,
+    name: &str,
+    predictor: &mut Predictor<'_>,
+    protocols: &[Protocol],
+    context: &RowContext,
+    writer: &mut Option<PredictionWriter>,
+) -> anyhow::Result<Evaluation> {
+    let with_context: Vec<(Protocol, RowContext)> = protocols
+        .iter()
+        .map(|protocol| {
+            let context = RowContext {
+                protocol: protocol.name.clone(),
+                protocol_digest: protocol.digest(),
+                ..context.clone()
+            };
+            (protocol.clone(), context)
+        })
+        .collect();
+    let task = Task {
+        set: &session.set,
+        samples: &session.samples,
+        protocols: &with_context,
+        pictures: &session.wanted_pictures,
+    };
+    let progress = Progress::new(
+        name,
+        session.samples.len() as u64,
+        "images",
+        session.args.quiet,
+    );
+    let evaluation = predict::evaluate(
+        &task,
+        name,
+        predictor,
+        &session.pool,
+        &progress,
+        |sample, disparity| match writer {
+            Some(writer) => writer.push(&sample.id, disparity),
+            None => Ok(()),
+        },
+    )?;
+    progress.finish();
+    Ok(evaluation)
+}
+
+/// Writes a predictor's pictures and puts its rows with the others.
+fn keep(
+    session: &mut Session<'_>,
+    evaluation: Evaluation,
+    record: ModelRecord,
+) -> anyhow::Result<()> {
+    if !evaluation.comparisons.is_empty() {
+        let folder = session.args.out.join("pictures");
+        for comparison in &evaluation.comparisons {
+            let name = format!("{}.png", slug(&comparison.image));
+            let path = folder.join(slug(&record.name)).join(name);
+            let picture = pictures::draw(comparison);
+            files::write_atomic(&path, &image_files::encode_png_rgb(&picture))?;
+        }
+        files::write_atomic(&folder.join("LEGEND.txt"), pictures::LEGEND.as_bytes())?;
+    }
+    for failure in &evaluation.failures {
+        eprintln!(
+            "error: {}, image {}: {}",
+            failure.model, failure.image, failure.reason
+        );
+    }
+    if evaluation.gave_up {
+        session.fail(format!(
+            "{}: the first {} images all failed, the rest was not tried",
+            record.name,
+            evaluation.failures.len()
+        ));
+    }
+    session.failures.extend(evaluation.failures);
+    session.rows.extend(evaluation.rows);
+    session.records.push(record);
+    Ok(())
+}
+
+fn images_in(rows: &[Row]) -> usize {
+    rows.iter()
+        .map(|row| row.image.as_str())
+        .collect::<BTreeSet<_>>()
+        .len()
+}
+
+fn write_results(
+    session: Session<'_>,
+    wanted: &[strat_metrics::tables::ThesisTable],
+    runtime: Option<&Runtime>,
+    arguments: Vec<String>,
+) -> anyhow::Result<u8> {
+    let Session {
+        args,
+        set,
+        samples,
+        pool,
+        rows,
+        failures,
+        records,
+        warnings,
+        incomplete,
+        ..
+    } = session;
+    let out = &args.out;
+    let count = tables::test_count(&set, &samples);
+    let coverage = Coverage {
+        expected_images: count.expected,
+        source: set.manifest.source.clone(),
+    };
+    tables::write_rows(out, &rows)?;
+    tables::write_failures(out, &failures)?;
+    let mut used: Vec<ProtocolRecord> = Vec::new();
+    for row in &rows {
+        if used.iter().any(|known| known.name == row.context.protocol) {
+            continue;
+        }
+        if let Some(protocol) = strat_metrics::protocol(&row.context.protocol) {
+            used.push(ProtocolRecord::new(&protocol));
+        }
+    }
+    tables::write_record(
+        out,
+        &RunRecord {
+            tool: "bench".to_owned(),
+            tool_version: TOOL_VERSION.to_owned(),
+            arguments,
+            data: DataRecord {
+                path: args.data.clone(),
+                source: set.manifest.source.clone(),
+                split: set.manifest.split,
+                split_digest: set.manifest.split_digest.clone(),
+                data_digest: set.manifest.data_digest.clone(),
+                test_images_expected: count.expected,
+                test_images_found: count.found,
+                prepared_by: set.manifest.tool_version.clone(),
+            },
+            device: args.device.to_string(),
+            runtime: runtime.map_or_else(|| "none".to_owned(), ToString::to_string),
+            runtime_library: runtime.and_then(Runtime::library).map(Path::to_path_buf),
+            jobs: pool.current_num_threads(),
+            models: records,
+            protocols: used,
+            warnings,
+            failures: failures.len(),
+        },
+    )?;
+    let nothing_measured = rows.is_empty() && (!args.models.is_empty() || args.median_baseline);
+    if nothing_measured {
+        eprintln!("error: nothing could be measured, so there is no table");
+        return Ok(FAILED);
+    }
+    tables::write_leaderboard(out, &rows, count.expected)?;
+    let written = tables::write_tables(out, wanted, &rows, &coverage)?;
+    let texts: Vec<String> = written.iter().map(|table| table.text()).collect();
+    print(&texts.join("\n"))?;
+    if !args.quiet {
+        eprintln!("results are in {}", out.display());
+    }
+    if failures.is_empty() && !incomplete {
+        return Ok(DONE);
+    }
+    if !failures.is_empty() {
+        eprintln!(
+            "error: {} result(s) are missing; they are listed in {}",
+            failures.len(),
+            out.join("failures.csv").display()
+        );
+    }
+    Ok(FAILED)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn arguments_are_well_formed() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn models_get_names() {
+        let texts = ["runs/a/model.onnx", "b.onnx", "Mine=c.onnx"].map(String::from);
+        let names: Vec<String> = asked_models(&texts, true)
+            .unwrap()
+            .into_iter()
+            .map(|asked| asked.name)
+            .collect();
+        assert_eq!(names, ["a", "b", "Mine"]);
+        for wrong in [
+            ["a.onnx", "x/a.onnx"],
+            ["=a.onnx", "b.onnx"],
+            ["a=", "b.onnx"],
+        ] {
+            assert!(asked_models(&wrong.map(String::from), false).is_err());
+        }
+    }
+
+    #[test]
+    fn names_become_file_names() {
+        assert_eq!(slug("Ours - StrAT (f=2)"), "Ours_-_StrAT__f_2_");
+        assert_eq!(
+            slug("2011_09_26_drive_0001/0000000005"),
+            "2011_09_26_drive_0001_0000000005"
+        );
+        assert_eq!(slug(".."), "_");
+    }
+}

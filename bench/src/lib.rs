@@ -1,0 +1,23 @@
+//! Runs ONNX depth models and produces the thesis' tables, rows and leaderboards.
+//!
+//! The `bench` command ([`cli`]) in parts: [`setup`] finds or installs ONNX Runtime, [`runtime`]
+//! runs a graph with it or with the embedded runtime, [`model`] says what the tensors mean,
+//! [`predict`] takes a prepared set through a model and the metrics, [`tables`] writes what comes
+//! out. [`baseline`], [`predictions`] and [`pictures`] are what their names say.
+//!
+//! This is the only crate that knows ONNX Runtime. Metrics, protocols and the contents of tables
+//! are defined in `strat-metrics`, files of a prepared set in `strat-store`. Nothing is fetched
+//! from a network except by [`setup::install`] and [`setup::ensure_runtime`].
+
+pub mod baseline;
+pub mod cli;
+pub mod model;
+mod native;
+pub mod pictures;
+pub mod predict;
+pub mod predictions;
+pub mod runtime;
+pub mod setup;
+pub mod tables;
+
+pub use native::CudaUnavailable;

@@ -1,0 +1,7 @@
+//! The `bench` command; see [`strat_bench::cli`].
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    ExitCode::from(strat_bench::cli::main(std::env::args_os()))
+}

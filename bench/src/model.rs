@@ -1,0 +1,582 @@
+//! A depth model ready to be asked: the file, what its tensors mean, and a session that runs it.
+//!
+//! A model of this project says in its metadata what it takes and what it gives
+//! ([`strat_onnx::metadata`]). Any other ONNX depth model is described by a small YAML file of
+//! the same name beside it ([`Description`]); nothing about a model is guessed from its numbers.
+//!
+//! Not here: where images come from and how predictions are scored; see [`crate::predict`].
+
+use std::path::{Path, PathBuf};
+
+use image::RgbImage;
+use serde::{Deserialize, Serialize};
+use strat_onnx::{
+    graph::{Dim, dims_text},
+    metadata::{InputRange, OutputMeaning, ProbeError},
+    model::{ElementType, ModelFile, ReadError, TensorInfo},
+};
+use strat_store::{raster::Plane, resize::Kernel};
+
+use crate::runtime::{Device, Output, Runtime, RuntimeError, Session};
+
+/// Largest difference to the trainer's own output that passes without a warning, in units of the
+/// output. Runtimes differ by about 1e-6 of full scale; a wrong layer differs by far more.
+pub const PROBE_TOLERANCE: f32 = 1e-4;
+
+/// Why a model cannot be used, or what it did wrong.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// The file was refused before any runtime saw it.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The runtime refused the model or failed.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+    /// The file beside the model could not be used.
+    #[error(transparent)]
+    DescriptionFile(strat_store::Error),
+    /// Nobody says what the tensors mean.
+    #[error(
+        "{} does not say what its tensors mean, and there is no description at {}; \
+         write one with the keys input (width, height, range) and output (meaning), \
+         see `bench --help`",
+        model.display(), yaml.display()
+    )]
+    Undescribed {
+        /// The model file.
+        model: PathBuf,
+        /// Where a description was looked for.
+        yaml: PathBuf,
+    },
+    /// The model's metadata has a value this program does not understand.
+    #[error("the metadata of {} cannot be used: {reason}", model.display())]
+    Metadata {
+        /// The model file.
+        model: PathBuf,
+        /// What is wrong, as a sentence.
+        reason: String,
+    },
+    /// The graph does not fit its description.
+    #[error("{} does not fit its description: {reason}", model.display())]
+    Graph {
+        /// The model file.
+        model: PathBuf,
+        /// What does not fit.
+        reason: String,
+    },
+    /// The model ran, but an output is missing.
+    #[error("the model gave no output `{wanted}`; its outputs are {found}")]
+    NoOutput {
+        /// Name looked for.
+        wanted: String,
+        /// Names there.
+        found: String,
+    },
+    /// The model ran, but gave another shape.
+    #[error("the model's output `{name}` has the shape {found:?}, but {expected} is needed")]
+    OutputShape {
+        /// The output.
+        name: String,
+        /// Shape given.
+        found: Vec<usize>,
+        /// Shape needed.
+        expected: String,
+    },
+    /// The model ran, but gave something that is not a number.
+    #[error(
+        "the model's output `{name}` is not a number at row {row}, column {column} \
+         ({count} of {total} values are NaN or infinite)"
+    )]
+    NotFinite {
+        /// The output.
+        name: String,
+        /// First such row, from 0.
+        row: usize,
+        /// First such column, from 0.
+        column: usize,
+        /// How many.
+        count: usize,
+        /// Of how many.
+        total: usize,
+    },
+    /// The probe that the trainer left cannot be held against this model.
+    #[error("the model's own check cannot be made: {0}")]
+    Probe(#[from] ProbeError),
+}
+
+/// Order of the colour channels that a model was trained with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ChannelOrder {
+    /// Red first.
+    #[default]
+    Rgb,
+    /// Blue first.
+    Bgr,
+}
+
+/// What a model takes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InputDescription {
+    /// Name of the input; the graph's only input when left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Interval of the colour values before normalisation.
+    pub range: InputRange,
+    /// Subtracted from each channel (R, G, B), in units of `range`.
+    #[serde(default)]
+    pub mean: [f32; 3],
+    /// Each channel (R, G, B) is divided by this after `mean` was subtracted.
+    #[serde(default = "ones")]
+    pub std: [f32; 3],
+    /// Order of the channels.
+    #[serde(default)]
+    pub channels: ChannelOrder,
+    /// Kernel with which an image is brought to the input size.
+    #[serde(default = "area")]
+    pub kernel: Kernel,
+}
+
+fn ones() -> [f32; 3] {
+    [1.0; 3]
+}
+
+fn area() -> Kernel {
+    Kernel::Area
+}
+
+/// What a model gives.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OutputDescription {
+    /// Name of the output; the graph's only output when left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// What its numbers are.
+    pub meaning: OutputMeaning,
+    /// Which channel belongs to the left image.
+    #[serde(default)]
+    pub channel: usize,
+}
+
+/// What the tensors of a model mean; the YAML file beside a foreign model holds exactly this.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Description {
+    /// What the model takes.
+    pub input: InputDescription,
+    /// What the model gives.
+    pub output: OutputDescription,
+}
+
+/// The result of running the probe that the trainer left in the file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProbeResult {
+    /// Largest difference to the trainer's own output, in units of the output.
+    pub max_difference: f32,
+}
+
+impl ProbeResult {
+    /// The runtime computes what was trained.
+    #[must_use]
+    pub fn passes(self) -> bool {
+        self.max_difference <= PROBE_TOLERANCE
+    }
+}
+
+/// A loaded model.
+#[derive(Debug)]
+pub struct Model {
+    /// Name used in tables.
+    pub name: String,
+    /// The file and what it says.
+    pub file: ModelFile,
+    /// What its tensors mean.
+    pub description: Description,
+    input: String,
+    output: String,
+    session: Session,
+}
+
+impl Model {
+    /// Reads, checks and loads a model.
+    ///
+    /// # Errors
+    /// The file is broken or dangerous, nobody says what its tensors mean, the graph does not fit
+    /// its description, or the runtime refuses it.
+    pub fn open(
+        name: &str,
+        path: &Path,
+        runtime: &Runtime,
+        device: Device,
+        threads: usize,
+    ) -> Result<Self, ModelError> {
+        let file = strat_onnx::model::read(path)?;
+        let description = describe(&file)?;
+        let misfit = |reason: String| ModelError::Graph {
+            model: path.to_path_buf(),
+            reason,
+        };
+        let input = pick(
+            "input",
+            &file.info.inputs,
+            description.input.name.as_deref(),
+            "image",
+        )
+        .map_err(misfit)?;
+        check_input(input, &description.input).map_err(misfit)?;
+        let output = pick(
+            "output",
+            &file.info.outputs,
+            description.output.name.as_deref(),
+            "disparity",
+        )
+        .map_err(misfit)?;
+        let (input, output) = (input.name.clone(), output.name.clone());
+        let session = runtime.load(path, device, threads)?;
+        Ok(Self {
+            name: name.to_owned(),
+            file,
+            description,
+            input,
+            output,
+            session,
+        })
+    }
+
+    /// The runtime and its version.
+    #[must_use]
+    pub fn runtime(&self) -> &str {
+        self.session.runtime()
+    }
+
+    /// The execution provider that really runs the graph.
+    #[must_use]
+    pub fn provider(&self) -> &str {
+        self.session.provider()
+    }
+
+    /// Runs the check that the trainer left in the file; none when the file has none.
+    ///
+    /// # Errors
+    /// The model fails to run, or gives an output of another size.
+    pub fn probe(&mut self) -> Result<Option<ProbeResult>, ModelError> {
+        let Some(probe) = self
+            .file
+            .info
+            .metadata()
+            .and_then(|metadata| metadata.probe.clone())
+        else {
+            return Ok(None);
+        };
+        let shape = [1, 3, probe.height() as usize, probe.width() as usize];
+        let outputs = self.session.run(&self.input, shape, &probe.image())?;
+        let output = find(outputs, &self.output)?;
+        Ok(Some(ProbeResult {
+            max_difference: probe.max_difference(&output.data)?,
+        }))
+    }
+
+    /// Runs the model on a prepared input `[1, 3, height, width]` and returns the plane that
+    /// belongs to the left image, in the units of the description.
+    ///
+    /// # Errors
+    /// The runtime fails, the output is missing, has another shape, or holds NaN or infinity.
+    pub fn predict(&mut self, input: &[f32]) -> Result<Plane, ModelError> {
+        let (width, height) = (
+            self.description.input.width as usize,
+            self.description.input.height as usize,
+        );
+        let outputs = self
+            .session
+            .run(&self.input, [1, 3, height, width], input)?;
+        let output = find(outputs, &self.output)?;
+        left_plane(output, self.description.output.channel)
+    }
+}
+
+/// Brings an image to the input size and into the input's numbers, `[3, height, width]`.
+#[must_use]
+pub fn prepare_input(image: &RgbImage, input: &InputDescription) -> Vec<f32> {
+    let resized;
+    let image = if image.dimensions() == (input.width, input.height) {
+        image
+    } else {
+        resized = strat_store::resize::rgb(image, input.width, input.height, input.kernel);
+        &resized
+    };
+    let plane = input.width as usize * input.height as usize;
+    let mut tensor = vec![0.0; 3 * plane];
+    for (place, values) in tensor.chunks_exact_mut(plane).enumerate() {
+        let channel = match input.channels {
+            ChannelOrder::Rgb => place,
+            ChannelOrder::Bgr => 2 - place,
+        };
+        let (mean, std) = (input.mean[channel], input.std[channel]);
+        for (value, pixel) in values.iter_mut().zip(image.pixels()) {
+            let byte = f32::from(pixel.0[channel]);
+            let colour = match input.range {
+                InputRange::Unit => byte / 255.0,
+                InputRange::Bytes => byte,
+            };
+            *value = (colour - mean) / std;
+        }
+    }
+    tensor
+}
+
+/// Mirrors an input `[3, height, width]` left to right, in place.
+pub fn mirror_input(input: &mut [f32], width: usize) {
+    for row in input.chunks_exact_mut(width) {
+        row.reverse();
+    }
+}
+
+/// Where the description of a foreign model is looked for.
+#[must_use]
+pub fn description_path(model: &Path) -> PathBuf {
+    model.with_extension("yaml")
+}
+
+/// What the model's tensors mean: the YAML file beside it when there is one, else its metadata.
+fn describe(file: &ModelFile) -> Result<Description, ModelError> {
+    let model = &file.path;
+    let yaml = description_path(model);
+    if yaml.is_file() {
+        let description: Description =
+            strat_store::yaml::load(&yaml).map_err(ModelError::DescriptionFile)?;
+        let input = &description.input;
+        let usable = input.width > 0
+            && input.height > 0
+            && input.std.iter().all(|std| std.is_finite() && *std != 0.0)
+            && input.mean.iter().all(|mean| mean.is_finite());
+        if !usable {
+            return Err(ModelError::Metadata {
+                model: yaml,
+                reason: "width and height must be at least 1, mean and std finite, std not 0"
+                    .to_owned(),
+            });
+        }
+        return Ok(description);
+    }
+    let Some(metadata) = file.info.metadata() else {
+        // Metadata that is there but damaged explains itself; nothing at all needs a file.
+        return Err(match file.info.description.problems.as_slice() {
+            [] => ModelError::Undescribed {
+                model: model.clone(),
+                yaml,
+            },
+            problems => ModelError::Metadata {
+                model: model.clone(),
+                reason: problems.join("; "),
+            },
+        });
+    };
+    let kernel = match &metadata.kernel {
+        None => Kernel::Area,
+        Some(name) => name.parse().map_err(|_| ModelError::Metadata {
+            model: model.clone(),
+            reason: format!("the resize kernel \"{name}\" is not known"),
+        })?,
+    };
+    Ok(Description {
+        input: InputDescription {
+            name: None,
+            width: metadata.input_width,
+            height: metadata.input_height,
+            range: metadata.input_range,
+            mean: [0.0; 3],
+            std: ones(),
+            channels: ChannelOrder::Rgb,
+            kernel,
+        },
+        output: OutputDescription {
+            name: None,
+            meaning: metadata.output,
+            channel: 0,
+        },
+    })
+}
+
+/// The tensor of that name, or the only one, or the one with this project's usual name.
+fn pick<'a>(
+    what: &str,
+    tensors: &'a [TensorInfo],
+    name: Option<&str>,
+    usual: &str,
+) -> Result<&'a TensorInfo, String> {
+    let found = match (name, tensors) {
+        (Some(name), _) => tensors.iter().find(|tensor| tensor.name == name),
+        (None, [only]) => Some(only),
+        (None, _) => tensors.iter().find(|tensor| tensor.name == usual),
+    };
+    found.ok_or_else(|| {
+        let names: Vec<&str> = tensors.iter().map(|tensor| tensor.name.as_str()).collect();
+        format!(
+            "it has no {what} `{}`; its {what}s are {names:?}",
+            name.unwrap_or(usual)
+        )
+    })
+}
+
+/// Finds a wrong description before an image is decoded for nothing.
+fn check_input(tensor: &TensorInfo, input: &InputDescription) -> Result<(), String> {
+    if let Some(element) = tensor
+        .element
+        .filter(|&element| element != ElementType::F32)
+    {
+        return Err(format!(
+            "the input `{}` takes {element}, only f32 is supported",
+            tensor.name
+        ));
+    }
+    let wanted = [1, 3, input.height as usize, input.width as usize];
+    let fits = tensor.dims.as_ref().is_none_or(|dims| {
+        dims.len() == wanted.len()
+            && dims
+                .iter()
+                .zip(wanted)
+                .all(|(dim, size)| Dim::fixed(dim).is_none_or(|fixed| fixed == size))
+    });
+    if fits {
+        return Ok(());
+    }
+    Err(format!(
+        "the input `{}` has the shape {}, but {wanted:?} is to be given",
+        tensor.name,
+        tensor.dims.as_deref().map(dims_text).unwrap_or_default()
+    ))
+}
+
+fn find(outputs: Vec<Output>, wanted: &str) -> Result<Output, ModelError> {
+    let names: Vec<String> = outputs.iter().map(|output| output.name.clone()).collect();
+    outputs
+        .into_iter()
+        .find(|output| output.name == wanted)
+        .ok_or_else(|| ModelError::NoOutput {
+            wanted: wanted.to_owned(),
+            found: names.join(", "),
+        })
+}
+
+/// Takes one channel out of `[1, c, h, w]`, `[1, h, w]` or `[h, w]`.
+fn left_plane(output: Output, channel: usize) -> Result<Plane, ModelError> {
+    let (channels, height, width) = match *output.shape.as_slice() {
+        [1, c, h, w] => (c, h, w),
+        [1, h, w] | [h, w] => (1, h, w),
+        _ => (0, 0, 0),
+    };
+    let plane = height.saturating_mul(width);
+    let start = channel.saturating_mul(plane);
+    if plane == 0 || channel >= channels || output.data.len() != channels.saturating_mul(plane) {
+        return Err(ModelError::OutputShape {
+            expected: format!("[1, {} or more, height, width]", channel + 1),
+            found: output.shape,
+            name: output.name,
+        });
+    }
+    let mut data = output.data;
+    data.truncate(start + plane);
+    data.drain(..start);
+    if let Some(first) = data.iter().position(|value| !value.is_finite()) {
+        return Err(ModelError::NotFinite {
+            name: output.name,
+            row: first / width,
+            column: first % width,
+            count: data.iter().filter(|value| !value.is_finite()).count(),
+            total: plane,
+        });
+    }
+    Ok(Plane {
+        width,
+        height,
+        data,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn output(shape: &[usize], data: Vec<f32>) -> Output {
+        Output {
+            name: "disparity".to_owned(),
+            shape: shape.to_vec(),
+            data,
+        }
+    }
+
+    #[test]
+    fn the_left_plane_is_the_stated_channel() {
+        let data: Vec<f32> = (0..12_u8).map(f32::from).collect();
+        let plane = left_plane(output(&[1, 2, 2, 3], data.clone()), 0).unwrap();
+        assert_eq!(plane.data, data[..6]);
+        let plane = left_plane(output(&[1, 2, 2, 3], data.clone()), 1).unwrap();
+        assert_eq!(plane.data, data[6..]);
+        assert_eq!((plane.width, plane.height), (3, 2));
+        let plane = left_plane(output(&[1, 3, 4], data.clone()), 0).unwrap();
+        assert_eq!((plane.width, plane.height), (4, 3));
+        for (shape, channel) in [(&[2, 1, 2, 3][..], 0), (&[1, 2, 2, 3], 2), (&[12], 0)] {
+            let error = left_plane(output(shape, data.clone()), channel).unwrap_err();
+            assert!(error.to_string().contains("shape"), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_value_that_is_no_number_is_named_with_its_place() {
+        let mut data = vec![0.1; 6];
+        data[4] = f32::NAN;
+        data[5] = f32::INFINITY;
+        let error = left_plane(output(&[1, 1, 2, 3], data), 0).unwrap_err();
+        assert!(
+            error.to_string().contains("row 1, column 1 (2 of 6 values"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn inputs_are_normalised_by_channel() {
+        let mut image = RgbImage::new(2, 1);
+        image.put_pixel(0, 0, image::Rgb([255, 0, 51]));
+        image.put_pixel(1, 0, image::Rgb([0, 102, 255]));
+        let mut input = InputDescription {
+            name: None,
+            width: 2,
+            height: 1,
+            range: InputRange::Unit,
+            mean: [0.0; 3],
+            std: [1.0; 3],
+            channels: ChannelOrder::Rgb,
+            kernel: Kernel::Area,
+        };
+        assert_eq!(
+            prepare_input(&image, &input),
+            [1.0, 0.0, 0.0, 0.4, 0.2, 1.0]
+        );
+        input.channels = ChannelOrder::Bgr;
+        input.mean = [0.5, 0.0, 0.0];
+        input.std = [0.5, 1.0, 1.0];
+        assert_eq!(
+            prepare_input(&image, &input),
+            [0.2, 1.0, 0.0, 0.4, 1.0, -1.0]
+        );
+        let mut tensor = prepare_input(&image, &input);
+        mirror_input(&mut tensor, 2);
+        assert_eq!(tensor, [1.0, 0.2, 0.4, 0.0, -1.0, 1.0]);
+    }
+
+    #[test]
+    fn descriptions_refuse_unknown_keys() {
+        let text = "input: {width: 64, height: 32, range: 0..1}\noutput: {meaning: depth_m}\n";
+        let description: Description = serde_yaml::from_str(text).unwrap();
+        assert_eq!(description.input.std, [1.0; 3]);
+        assert_eq!(description.output.meaning, OutputMeaning::DepthM);
+        let wrong = text.replace("meaning", "meanin");
+        assert!(serde_yaml::from_str::<Description>(&wrong).is_err());
+    }
+}

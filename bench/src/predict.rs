@@ -1,0 +1,626 @@
+//! From a prepared set and a predictor to one row per image and protocol.
+//!
+//! The path is PROTOCOL 3.3: the untouched left image is resized to the model's input size with
+//! the model's own kernel, the model runs, its left map is resized bilinearly to the size of the
+//! ground truth, and [`strat_metrics`] scores it. Decoding, resizing and scoring happen on
+//! rayon's threads while the model runs on the calling thread, a bounded number of images ahead;
+//! results come out in the order of the set and do not depend on the number of threads.
+//!
+//! A broken image costs itself only: it is named, left out, and reported as a [`Failure`].
+//!
+//! Not here: choosing protocols and writing files; see [`crate::tables`].
+
+use std::collections::BTreeSet;
+
+use image::RgbImage;
+use rayon::prelude::*;
+use strat_metrics::{
+    Camera, EvaluateError, GroundTruth, GroundTruthKind, Grouping, ImageScore, PostProcessing,
+    Protocol, Row, RowContext,
+};
+use strat_onnx::metadata::OutputMeaning;
+use strat_store::{
+    exr, files, image_files,
+    progress::Progress,
+    raster::Plane,
+    resize,
+    set::{FileRef, PreparedSet, Sample},
+};
+
+use crate::{
+    baseline::MedianDepth,
+    model::{self, Description, Model, ModelError},
+};
+
+/// After this many failures without a single success the rest is not tried.
+const HOPELESS_AFTER: usize = 10;
+
+/// The median that inverse depth of unknown scale is brought to, as a disparity fraction: a
+/// typical value, so that the protocol's disparity floor means what it means for other models.
+/// Median scaling makes the choice irrelevant for the figures.
+const TYPICAL_DISPARITY_FRACTION: f32 = 0.03;
+
+/// Why one image has no row.
+#[derive(Debug, thiserror::Error)]
+pub enum SampleError {
+    /// A file could not be read or decoded.
+    #[error(transparent)]
+    Store(#[from] strat_store::Error),
+    /// A file is not the one that was prepared.
+    #[error(
+        "{path} has changed since the set was prepared (its BLAKE3 is not the one in test.csv); \
+         prepare the set again"
+    )]
+    Changed {
+        /// The file, relative to the set.
+        path: String,
+    },
+    /// The set has no such file for this image.
+    #[error("the prepared set has no {what} for this image")]
+    Missing {
+        /// What is missing.
+        what: &'static str,
+    },
+    /// A file has another size than the row says.
+    #[error("{path} is {found_width}x{found_height}, but test.csv says {width}x{height}")]
+    Size {
+        /// The file, relative to the set.
+        path: String,
+        /// Width of the file.
+        found_width: usize,
+        /// Height of the file.
+        found_height: usize,
+        /// Width in the row.
+        width: u32,
+        /// Height in the row.
+        height: u32,
+    },
+    /// The model failed on this image.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The image cannot be scored under a protocol.
+    #[error("{protocol}: {source}")]
+    Evaluate {
+        /// Name of the protocol.
+        protocol: String,
+        /// Why.
+        source: EvaluateError,
+    },
+}
+
+/// An image without a row, or with fewer rows than protocols.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// Name of the model.
+    pub model: String,
+    /// Image id.
+    pub image: String,
+    /// A sentence.
+    pub reason: String,
+}
+
+/// What predicts.
+pub enum Predictor<'a> {
+    /// A network.
+    Model(&'a mut Model),
+    /// The same depth map for every image.
+    MedianDepth(&'a MedianDepth),
+}
+
+/// What is to be evaluated, the same for all predictors of a run.
+pub struct Task<'a> {
+    /// The prepared set.
+    pub set: &'a PreparedSet,
+    /// Its test samples, in order.
+    pub samples: &'a [Sample],
+    /// Protocols with the context of their rows.
+    pub protocols: &'a [(Protocol, RowContext)],
+    /// Indices of samples of which a picture is wanted.
+    pub pictures: &'a BTreeSet<usize>,
+}
+
+/// Everything needed to draw one comparison.
+#[derive(Clone, Debug)]
+pub struct Comparison {
+    /// Image id.
+    pub image: String,
+    /// The left image at full resolution.
+    pub input: RgbImage,
+    /// Predicted disparity as a fraction of image width, at ground-truth size.
+    pub predicted: Plane,
+    /// True disparity as a fraction of image width, 0 = none.
+    pub truth: Plane,
+}
+
+/// The outcome of one predictor.
+#[derive(Debug, Default)]
+pub struct Evaluation {
+    /// Rows in the order protocol, image, group.
+    pub rows: Vec<Row>,
+    /// What went wrong, in the order of the images.
+    pub failures: Vec<Failure>,
+    /// Comparisons of the images that were asked for.
+    pub comparisons: Vec<Comparison>,
+    /// The run was given up because nothing worked.
+    pub gave_up: bool,
+}
+
+/// A prediction at network size.
+#[derive(Clone, Debug)]
+enum Prediction {
+    /// Disparity as a fraction of image width.
+    DisparityFraction(Plane),
+    /// Depth in metres, resized as depth: the form a model of depth gives.
+    DepthM(Plane),
+    /// Depth in metres of a baseline; becomes the disparity of each image's camera first.
+    ConstantDepthM(Plane),
+}
+
+/// An image on its way to the model.
+struct Prepared {
+    /// `[3, height, width]`.
+    tensor: Vec<f32>,
+    /// The image itself, where a picture is wanted.
+    image: Option<RgbImage>,
+}
+
+/// A prediction on its way to the metrics.
+struct Predicted {
+    plain: Prediction,
+    /// Blended with the prediction for the mirrored image, where a protocol asks for it.
+    flipped: Option<Prediction>,
+    image: Option<RgbImage>,
+}
+
+/// The scores of one image, by protocol.
+struct Scored {
+    scores: Vec<Result<Vec<ImageScore>, SampleError>>,
+    comparison: Option<Comparison>,
+}
+
+/// Predicts and scores all samples of a task.
+///
+/// `on_prediction` is told each image's disparity as a fraction of image width at network size,
+/// in order, on the calling thread (`None` from models that give depth); an error from it ends the
+/// run.
+///
+/// # Errors
+/// Only what `on_prediction` returns; everything that concerns one image is a [`Failure`].
+pub fn evaluate<E>(
+    task: &Task<'_>,
+    name: &str,
+    predictor: &mut Predictor<'_>,
+    pool: &rayon::ThreadPool,
+    progress: &Progress,
+    mut on_prediction: impl FnMut(&Sample, Option<&Plane>) -> Result<(), E>,
+) -> Result<Evaluation, E> {
+    let flip = task
+        .protocols
+        .iter()
+        .any(|(protocol, _)| protocol.post_processing == PostProcessing::Flip);
+    let description = match predictor {
+        Predictor::Model(model) => Some(model.description.clone()),
+        Predictor::MedianDepth(_) => None,
+    };
+    let chunk_size = 2 * pool.current_num_threads().max(1);
+    let chunks: Vec<(usize, &[Sample])> = task
+        .samples
+        .chunks(chunk_size)
+        .enumerate()
+        .map(|(number, chunk)| (number * chunk_size, chunk))
+        .collect();
+
+    let mut rows: Vec<Vec<Row>> = vec![Vec::new(); task.protocols.len()];
+    let mut outcome = Evaluation::default();
+    // Three stages, one chunk apart: while chunk t is decoded and chunk t-2 is scored on the
+    // pool, chunk t-1 runs through the model here.
+    let mut prepared: Vec<Result<Prepared, SampleError>> = Vec::new();
+    let mut predicted: Vec<Result<Predicted, SampleError>> = Vec::new();
+    for step in 0..chunks.len() + 2 {
+        let (mut next_prepared, mut next_predicted) = (Vec::new(), Vec::new());
+        let mut scored: Vec<Result<Scored, SampleError>> = Vec::new();
+        let to_score = std::mem::take(&mut predicted);
+        let to_run = std::mem::take(&mut prepared);
+        let mut told = Ok(());
+        pool.in_place_scope(|scope| {
+            if let (Some(&(first, chunk)), Some(description)) = (chunks.get(step), &description) {
+                let next_prepared = &mut next_prepared;
+                scope.spawn(move |_| {
+                    *next_prepared = chunk
+                        .par_iter()
+                        .enumerate()
+                        .map(|(offset, sample)| {
+                            let keep = task.pictures.contains(&(first + offset));
+                            prepare(task.set, sample, description, keep)
+                        })
+                        .collect();
+                });
+            }
+            if let Some(&(_, chunk)) = step.checked_sub(2).and_then(|s| chunks.get(s)) {
+                let scored = &mut scored;
+                scope.spawn(move |_| {
+                    *scored = chunk
+                        .par_iter()
+                        .zip(to_score)
+                        .map(|(sample, predicted)| Ok(score(task, sample, predicted?)))
+                        .collect();
+                });
+            }
+            if let Some((first, chunk)) = step.checked_sub(1).and_then(|s| chunks.get(s)) {
+                match predictor {
+                    Predictor::Model(model) => {
+                        for (sample, prepared) in chunk.iter().zip(to_run) {
+                            let result = prepared.and_then(|input| run(model, input, flip));
+                            if told.is_ok()
+                                && let Ok(predicted) = &result
+                            {
+                                told = match &predicted.plain {
+                                    Prediction::DisparityFraction(plane) => {
+                                        on_prediction(sample, Some(plane))
+                                    }
+                                    _ => on_prediction(sample, None),
+                                };
+                            }
+                            next_predicted.push(result);
+                        }
+                    }
+                    Predictor::MedianDepth(median) => {
+                        for (offset, sample) in chunk.iter().enumerate() {
+                            let wanted = task.pictures.contains(&(first + offset));
+                            let image = wanted.then(|| load_image(task.set, sample).ok()).flatten();
+                            next_predicted.push(Ok(Predicted {
+                                plain: Prediction::ConstantDepthM(median.depth_m.clone()),
+                                // A constant map has no left or right to mend.
+                                flipped: None,
+                                image,
+                            }));
+                        }
+                    }
+                }
+            }
+        });
+        told?;
+        prepared = next_prepared;
+        predicted = next_predicted;
+        if let Some((_, chunk)) = step.checked_sub(2).and_then(|s| chunks.get(s)) {
+            for (sample, scored) in chunk.iter().zip(scored) {
+                collect(task, name, sample, scored, &mut rows, &mut outcome);
+            }
+            progress.add(chunk.len() as u64);
+        }
+        if outcome.failures.len() >= HOPELESS_AFTER && rows.iter().all(Vec::is_empty) {
+            outcome.gave_up = step + 1 < chunks.len() + 2;
+            break;
+        }
+    }
+    outcome.rows = rows.into_iter().flatten().collect();
+    Ok(outcome)
+}
+
+/// Puts the result of one image where it belongs.
+fn collect(
+    task: &Task<'_>,
+    name: &str,
+    sample: &Sample,
+    scored: Result<Scored, SampleError>,
+    rows: &mut [Vec<Row>],
+    outcome: &mut Evaluation,
+) {
+    let mut fail = |error: SampleError| {
+        outcome.failures.push(Failure {
+            model: name.to_owned(),
+            image: sample.id.clone(),
+            reason: error.to_string(),
+        });
+    };
+    match scored {
+        Err(error) => fail(error),
+        Ok(scored) => {
+            for ((result, rows), (_, context)) in
+                scored.scores.into_iter().zip(rows).zip(task.protocols)
+            {
+                match result {
+                    Ok(scores) => rows.extend(
+                        scores
+                            .into_iter()
+                            .map(|score| Row::new(context, sample.id.clone(), score)),
+                    ),
+                    Err(error) => fail(error),
+                }
+            }
+            outcome.comparisons.extend(scored.comparison);
+        }
+    }
+}
+
+/// The image that a model is shown: the untouched one where the set has it.
+fn load_image(set: &PreparedSet, sample: &Sample) -> Result<RgbImage, SampleError> {
+    let file = sample.left_full.as_ref().unwrap_or(&sample.left);
+    let image = image_files::decode_rgb(&checked_bytes(set, file)?, &file.path)?;
+    if sample.left_full.is_some() && image.dimensions() != (sample.width, sample.height) {
+        return Err(SampleError::Size {
+            path: file.path.clone(),
+            found_width: image.width() as usize,
+            found_height: image.height() as usize,
+            width: sample.width,
+            height: sample.height,
+        });
+    }
+    Ok(image)
+}
+
+fn prepare(
+    set: &PreparedSet,
+    sample: &Sample,
+    description: &Description,
+    keep_image: bool,
+) -> Result<Prepared, SampleError> {
+    let image = load_image(set, sample)?;
+    Ok(Prepared {
+        tensor: model::prepare_input(&image, &description.input),
+        image: keep_image.then_some(image),
+    })
+}
+
+/// Runs the model once, or twice where flip post-processing is wanted as well.
+fn run(model: &mut Model, input: Prepared, flip: bool) -> Result<Predicted, SampleError> {
+    let mut tensor = input.tensor;
+    let plain = model.predict(&tensor)?;
+    let mut flipped = None;
+    if flip {
+        model::mirror_input(&mut tensor, model.description.input.width as usize);
+        let mirrored = model.predict(&tensor)?;
+        flipped = Some(Plane {
+            data: strat_metrics::flip_blend(&plain.data, &mirrored.data, plain.width),
+            ..plain
+        });
+    }
+    let width = model.description.input.width as f32;
+    let meaning = model.description.output.meaning;
+    Ok(Predicted {
+        plain: as_prediction(plain, meaning, width),
+        flipped: flipped.map(|plane| as_prediction(plane, meaning, width)),
+        image: input.image,
+    })
+}
+
+/// Brings a model's numbers into one of the two forms that can be scored.
+fn as_prediction(mut plane: Plane, meaning: OutputMeaning, input_width: f32) -> Prediction {
+    match meaning {
+        OutputMeaning::DisparityFraction => Prediction::DisparityFraction(plane),
+        OutputMeaning::DisparityPx => {
+            for value in &mut plane.data {
+                *value /= input_width;
+            }
+            Prediction::DisparityFraction(plane)
+        }
+        OutputMeaning::InverseDepth => {
+            let mut values: Vec<f64> = plane.data.iter().copied().map(f64::from).collect();
+            let median = strat_metrics::median(&mut values).unwrap_or(0.0) as f32;
+            // A map without a positive median is scored as it is and fails on its own merits.
+            if median > 0.0 {
+                for value in &mut plane.data {
+                    *value *= TYPICAL_DISPARITY_FRACTION / median;
+                }
+            }
+            Prediction::DisparityFraction(plane)
+        }
+        OutputMeaning::DepthM => Prediction::DepthM(plane),
+    }
+}
+
+/// What is known of an image under one kind of ground truth.
+struct Truth {
+    depth: Plane,
+    disparity_px: Option<Vec<f32>>,
+    /// Focal length that made depth out of disparity, for stereo ground truth.
+    nominal_focal_px: f64,
+}
+
+/// Loads what a protocol needs and no protocol before it has loaded.
+fn load_needed(
+    set: &PreparedSet,
+    sample: &Sample,
+    protocol: &Protocol,
+    truths: &mut Vec<(GroundTruthKind, Truth)>,
+    labels: &mut Option<Vec<u8>>,
+) -> Result<(), SampleError> {
+    let kind = protocol.ground_truth;
+    if !truths.iter().any(|(known, _)| *known == kind) {
+        truths.push((kind, load_truth(set, sample, kind)?));
+    }
+    if protocol.grouping == Grouping::Cityscapes && labels.is_none() {
+        *labels = Some(load_labels(set, sample)?);
+    }
+    Ok(())
+}
+
+fn load_truth(
+    set: &PreparedSet,
+    sample: &Sample,
+    kind: GroundTruthKind,
+) -> Result<Truth, SampleError> {
+    let (file, what) = match kind {
+        GroundTruthKind::StereoNoc => (&sample.depth_noc, "disp_noc ground truth"),
+        GroundTruthKind::StereoOcc => (&sample.depth_occ, "disp_occ ground truth"),
+        GroundTruthKind::VelodyneX => (&sample.depth_velodyne, "Velodyne ground truth"),
+        GroundTruthKind::CameraZ => (&sample.depth_camera, "camera-z ground truth"),
+    };
+    let file = file.as_ref().ok_or(SampleError::Missing { what })?;
+    check_file(set, file)?;
+    let (depth, header) = exr::read_depth(&set.path(file))?;
+    if (depth.width, depth.height) != (sample.width as usize, sample.height as usize) {
+        return Err(SampleError::Size {
+            path: file.path.clone(),
+            found_width: depth.width,
+            found_height: depth.height,
+            width: sample.width,
+            height: sample.height,
+        });
+    }
+    // Measured disparities are multiples of 1/256 px, so they come back exactly.
+    let disparity_px = kind.is_stereo().then(|| {
+        let focal_baseline = header.focal_px * header.baseline_m;
+        depth
+            .data
+            .iter()
+            .map(|&depth_m| {
+                if depth_m > 0.0 {
+                    let units = (256.0 * focal_baseline / f64::from(depth_m)).round();
+                    (units / 256.0) as f32
+                } else {
+                    0.0
+                }
+            })
+            .collect()
+    });
+    Ok(Truth {
+        depth,
+        disparity_px,
+        nominal_focal_px: header.focal_px,
+    })
+}
+
+/// Scores one prediction under all protocols.
+fn score(task: &Task<'_>, sample: &Sample, predicted: Predicted) -> Scored {
+    let mut truths: Vec<(GroundTruthKind, Truth)> = Vec::new();
+    let mut labels = None;
+    let (width, height) = (sample.width as usize, sample.height as usize);
+    let mut scores = Vec::with_capacity(task.protocols.len());
+    let mut comparison = None;
+    // Most predictions do not depend on the protocol's camera, so they are resized once.
+    let resize_once = |prediction: &Prediction| match prediction {
+        Prediction::DisparityFraction(plane) | Prediction::DepthM(plane) => {
+            Some(resize::bilinear_f32(plane, width, height))
+        }
+        Prediction::ConstantDepthM(_) => None,
+    };
+    let shared_plain = resize_once(&predicted.plain);
+    let shared_flipped = predicted.flipped.as_ref().and_then(resize_once);
+    for (protocol, _) in task.protocols {
+        // What one protocol lacks does not cost the others their rows.
+        let needed = load_needed(task.set, sample, protocol, &mut truths, &mut labels);
+        if let Err(error) = needed {
+            scores.push(Err(error));
+            continue;
+        }
+        let Some((_, truth)) = truths
+            .iter()
+            .find(|(kind, _)| *kind == protocol.ground_truth)
+        else {
+            continue;
+        };
+        let (focal_px, baseline_m) = match protocol.camera {
+            Camera::Nominal { baseline_m } => (truth.nominal_focal_px, baseline_m),
+            Camera::Calibrated => (sample.focal_px, sample.baseline_m),
+        };
+        let ground_truth = GroundTruth {
+            width,
+            height,
+            depth_m: &truth.depth.data,
+            disparity_px: truth.disparity_px.as_deref(),
+            focal_px,
+            baseline_m,
+            labels: labels.as_deref(),
+        };
+        // Depth in metres to disparity as a fraction of image width and back.
+        let focal_baseline_fraction = (focal_px * baseline_m / f64::from(sample.width)) as f32;
+        let (prediction, shared) = match (&predicted.flipped, protocol.post_processing) {
+            (Some(flipped), PostProcessing::Flip) => (flipped, &shared_flipped),
+            _ => (&predicted.plain, &shared_plain),
+        };
+        let own;
+        let resized = match (shared, prediction) {
+            (Some(plane), _) => plane,
+            (
+                None,
+                Prediction::ConstantDepthM(plane)
+                | Prediction::DisparityFraction(plane)
+                | Prediction::DepthM(plane),
+            ) => {
+                let disparity = reciprocal(plane, focal_baseline_fraction);
+                own = resize::bilinear_f32(&disparity, width, height);
+                &own
+            }
+        };
+        let gives_depth = matches!(prediction, Prediction::DepthM(_));
+        let result = if gives_depth {
+            strat_metrics::evaluate_depth(protocol, &ground_truth, &resized.data)
+        } else {
+            strat_metrics::evaluate(protocol, &ground_truth, &resized.data)
+        };
+        scores.push(result.map_err(|source| SampleError::Evaluate {
+            protocol: protocol.name.clone(),
+            source,
+        }));
+        if comparison.is_none()
+            && let Some(input) = &predicted.image
+        {
+            comparison = Some(Comparison {
+                image: sample.id.clone(),
+                input: input.clone(),
+                predicted: if gives_depth {
+                    reciprocal(resized, focal_baseline_fraction)
+                } else {
+                    resized.clone()
+                },
+                truth: reciprocal(&truth.depth, focal_baseline_fraction),
+            });
+        }
+    }
+    Scored { scores, comparison }
+}
+
+/// Depth to disparity or back: `factor / value`, where 0 stays 0 (no measurement).
+fn reciprocal(plane: &Plane, factor: f32) -> Plane {
+    Plane {
+        width: plane.width,
+        height: plane.height,
+        data: plane
+            .data
+            .iter()
+            .map(|&value| if value > 0.0 { factor / value } else { 0.0 })
+            .collect(),
+    }
+}
+
+fn load_labels(set: &PreparedSet, sample: &Sample) -> Result<Vec<u8>, SampleError> {
+    let file = sample.semantic.as_ref().ok_or(SampleError::Missing {
+        what: "semantic labels",
+    })?;
+    check_file(set, file)?;
+    let (width, height, labels) = image_files::read_gray8(&set.path(file))?;
+    if (width, height) != (sample.width as usize, sample.height as usize) {
+        return Err(SampleError::Size {
+            path: file.path.clone(),
+            found_width: width,
+            found_height: height,
+            width: sample.width,
+            height: sample.height,
+        });
+    }
+    Ok(labels)
+}
+
+/// The bytes of a file of the set, which must be those that were prepared.
+fn checked_bytes(set: &PreparedSet, file: &FileRef) -> Result<Vec<u8>, SampleError> {
+    let bytes = files::read(&set.path(file))?;
+    if files::blake3_hex(&bytes) == file.blake3 {
+        Ok(bytes)
+    } else {
+        Err(SampleError::Changed {
+            path: file.path.clone(),
+        })
+    }
+}
+
+/// The same for files that are read by path.
+pub(crate) fn check_file(set: &PreparedSet, file: &FileRef) -> Result<(), SampleError> {
+    if files::blake3_file(&set.path(file))? == file.blake3 {
+        Ok(())
+    } else {
+        Err(SampleError::Changed {
+            path: file.path.clone(),
+        })
+    }
+}

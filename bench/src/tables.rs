@@ -1,0 +1,551 @@
+//! Which tables a prepared set can fill, and the files a run leaves behind.
+//!
+//! The contents of tables are [`strat_metrics::tables`]'s: a pure function of rows. This module
+//! decides what is asked of a set and writes `rows.csv`, `leaderboard.csv`, the tables in four
+//! formats, `failures.csv` and `run.yaml`.
+
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
+
+use serde::Serialize;
+use strat_metrics::{
+    GroundTruthKind, Grouping, Protocol, Row, leaderboard, protocol, rows,
+    statistics::Bootstrap,
+    tables::{self, Coverage, Table, TableError, ThesisTable},
+};
+use strat_splits::{Role, Split};
+use strat_store::{
+    files,
+    set::{Count, PreparedSet, Sample},
+    yaml,
+};
+
+use crate::predict::Failure;
+
+/// What `--table` asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum TableChoice {
+    /// KITTI split: the seven metrics.
+    #[value(name = "3.1")]
+    Table31,
+    /// KITTI split: errors by semantic group.
+    #[value(name = "3.2")]
+    Table32,
+    /// Eigen split: the seven metrics with caps of 80 m and 50 m.
+    #[value(name = "3.3")]
+    Table33,
+    /// Whatever the prepared set offers.
+    All,
+}
+
+/// Why a set cannot fill a table.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PlanError {
+    /// The table belongs to the other split.
+    #[error(
+        "table {table} is about the {needed} split, but the set was prepared for the {found} \
+         split; prepare the data with `prep {needed}` or ask for table {instead}"
+    )]
+    WrongSplit {
+        /// The table asked for.
+        table: ThesisTable,
+        /// Its split.
+        needed: Split,
+        /// The set's split.
+        found: Split,
+        /// A table of the set's split.
+        instead: ThesisTable,
+    },
+    /// No label images.
+    #[error(
+        "table 3.2 needs semantic labels, and none of the test images of this set has any; \
+         prepare the data with `prep kitti --semantics DIR`"
+    )]
+    NoLabels,
+    /// Nothing to test on.
+    #[error("the prepared set has no test images (of {expected} expected)")]
+    NoTestImages {
+        /// How many the split has.
+        expected: u64,
+    },
+    /// No such protocol.
+    #[error("there is no protocol \"{name}\"; `bench protocols` lists them")]
+    UnknownProtocol {
+        /// The name given.
+        name: String,
+    },
+    /// The protocol's ground truth is not in sets of this split.
+    #[error(
+        "protocol {name} compares with {truth} ground truth, which a set of the {found} split does \
+         not have; prepare the data with `prep {needed}`"
+    )]
+    WrongTruth {
+        /// The protocol.
+        name: String,
+        /// Its ground truth in words.
+        truth: &'static str,
+        /// The set's split.
+        found: Split,
+        /// The split that has it.
+        needed: Split,
+    },
+}
+
+/// What a run measures.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Tables to write, in thesis order.
+    pub tables: Vec<ThesisTable>,
+    /// Protocols to evaluate: those of the tables, then those asked for by name.
+    pub protocols: Vec<Protocol>,
+    /// Sentences about tables that were left out of `all`.
+    pub left_out: Vec<String>,
+}
+
+/// Decides what to measure.
+///
+/// # Errors
+/// The set cannot serve what was asked for.
+pub fn plan(
+    choice: TableChoice,
+    extra_protocols: &[String],
+    split: Split,
+    samples: &[Sample],
+    count: Count,
+) -> Result<Plan, PlanError> {
+    if samples.is_empty() {
+        return Err(PlanError::NoTestImages {
+            expected: count.expected,
+        });
+    }
+    let has_labels = samples.iter().any(|sample| sample.semantic.is_some());
+    let own: &[ThesisTable] = match split {
+        Split::Kitti => &[ThesisTable::Table31, ThesisTable::Table32],
+        Split::Eigen => &[ThesisTable::Table33],
+    };
+    let wanted = match choice {
+        TableChoice::Table31 => Some(ThesisTable::Table31),
+        TableChoice::Table32 => Some(ThesisTable::Table32),
+        TableChoice::Table33 => Some(ThesisTable::Table33),
+        TableChoice::All => None,
+    };
+    let mut plan = Plan {
+        tables: Vec::new(),
+        protocols: Vec::new(),
+        left_out: Vec::new(),
+    };
+    match wanted {
+        Some(table) if !own.contains(&table) => {
+            return Err(PlanError::WrongSplit {
+                table,
+                needed: other(split),
+                found: split,
+                instead: own[0],
+            });
+        }
+        Some(ThesisTable::Table32) if !has_labels => return Err(PlanError::NoLabels),
+        Some(table) => plan.tables.push(table),
+        None => {
+            for &table in own {
+                if table == ThesisTable::Table32 && !has_labels {
+                    plan.left_out
+                        .push(format!("left out: {}", PlanError::NoLabels));
+                } else {
+                    plan.tables.push(table);
+                }
+            }
+        }
+    }
+    let of_tables = plan
+        .tables
+        .iter()
+        .flat_map(|table| table.protocols().iter().copied())
+        .map(str::to_owned)
+        .collect::<Vec<_>>();
+    let mut seen = BTreeSet::new();
+    for name in of_tables.iter().chain(extra_protocols) {
+        let protocol =
+            protocol(name).ok_or_else(|| PlanError::UnknownProtocol { name: name.clone() })?;
+        let (truth, needed) = match protocol.ground_truth {
+            GroundTruthKind::StereoNoc | GroundTruthKind::StereoOcc => {
+                ("stereo 2015", Split::Kitti)
+            }
+            GroundTruthKind::VelodyneX | GroundTruthKind::CameraZ => ("Velodyne", Split::Eigen),
+        };
+        if needed != split {
+            return Err(PlanError::WrongTruth {
+                name: name.clone(),
+                truth,
+                found: split,
+                needed,
+            });
+        }
+        if protocol.grouping == Grouping::Cityscapes && !has_labels {
+            return Err(PlanError::NoLabels);
+        }
+        if seen.insert(protocol.name.clone()) {
+            plan.protocols.push(protocol);
+        }
+    }
+    Ok(plan)
+}
+
+fn other(split: Split) -> Split {
+    match split {
+        Split::Kitti => Split::Eigen,
+        Split::Eigen => Split::Kitti,
+    }
+}
+
+/// Why results could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// A file could not be written.
+    #[error(transparent)]
+    Store(#[from] strat_store::Error),
+    /// The rows do not make a table.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// The rows do not make a leaderboard.
+    #[error(transparent)]
+    Rows(#[from] rows::RowsError),
+    /// CSV could not be formed.
+    #[error(transparent)]
+    Csv(#[from] strat_metrics::CsvError),
+}
+
+/// What ran, as written to `run.yaml`.
+#[derive(Clone, Debug, Serialize)]
+pub struct RunRecord {
+    /// The program.
+    pub tool: String,
+    /// Its version.
+    pub tool_version: String,
+    /// The command line, without the program's name.
+    pub arguments: Vec<String>,
+    /// The data.
+    pub data: DataRecord,
+    /// Device asked for.
+    pub device: String,
+    /// Runtime and version.
+    pub runtime: String,
+    /// Its library, when it has one.
+    pub runtime_library: Option<PathBuf>,
+    /// Threads for decoding and metrics.
+    pub jobs: usize,
+    /// The models.
+    pub models: Vec<ModelRecord>,
+    /// The protocols with their digests and full rules.
+    pub protocols: Vec<ProtocolRecord>,
+    /// Everything that was warned about.
+    pub warnings: Vec<String>,
+    /// Images that failed, over all models.
+    pub failures: usize,
+}
+
+/// The data of a run.
+#[derive(Clone, Debug, Serialize)]
+pub struct DataRecord {
+    /// The folder as given.
+    pub path: PathBuf,
+    /// Recorded or rendered.
+    pub source: String,
+    /// The split.
+    pub split: Split,
+    /// Digest of the split's lists.
+    pub split_digest: String,
+    /// Digest of the prepared set.
+    pub data_digest: String,
+    /// Test images that the split has.
+    pub test_images_expected: u64,
+    /// Test images in the set.
+    pub test_images_found: u64,
+    /// Version of the program that prepared it.
+    pub prepared_by: String,
+}
+
+/// One model of a run.
+#[derive(Clone, Debug, Serialize)]
+pub struct ModelRecord {
+    /// Name in tables.
+    pub name: String,
+    /// The file; none for the median baseline.
+    pub file: Option<PathBuf>,
+    /// BLAKE3 of the file, or of the baseline's map.
+    pub blake3: String,
+    /// How it is fed and read.
+    pub description: Option<crate::model::Description>,
+    /// What its trainer says about it.
+    pub metadata: Option<strat_onnx::metadata::ModelMetadata>,
+    /// Number of weights.
+    pub parameters: Option<u64>,
+    /// Runtime and version.
+    pub runtime: String,
+    /// The provider that the graph's nodes were really given to.
+    pub provider: String,
+    /// Largest difference to the trainer's own output for the probe image.
+    pub probe_max_difference: Option<f32>,
+    /// Images with at least one row.
+    pub images: usize,
+    /// Wall-clock time of the whole prediction path, decoding and metrics included.
+    pub seconds: f64,
+    /// A sentence where more is to be said.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+}
+
+/// One protocol of a run.
+#[derive(Clone, Debug, Serialize)]
+pub struct ProtocolRecord {
+    /// Name.
+    pub name: String,
+    /// Digest of the rules.
+    pub digest: String,
+    /// The rules.
+    pub rules: Protocol,
+}
+
+impl ProtocolRecord {
+    /// Takes a protocol down.
+    #[must_use]
+    pub fn new(protocol: &Protocol) -> Self {
+        Self {
+            name: protocol.name.clone(),
+            digest: protocol.digest(),
+            rules: protocol.clone(),
+        }
+    }
+}
+
+/// How many test images there are and should be.
+#[must_use]
+pub fn test_count(set: &PreparedSet, samples: &[Sample]) -> Count {
+    let found = samples.len() as u64;
+    let expected = set
+        .manifest
+        .counts
+        .get(&Role::Test)
+        .map_or(found, |count| count.expected);
+    Count {
+        // A set with more images than its split would make shares above one.
+        expected: expected.max(found),
+        found,
+    }
+}
+
+/// Writes the tables in four formats and returns them for printing.
+///
+/// Models that needed median scaling stand in tables of their own (`-median`), since their
+/// figures are not comparable with the others'.
+///
+/// # Errors
+/// The rows do not fit together, or a file cannot be written.
+pub fn write_tables(
+    out: &Path,
+    tables: &[ThesisTable],
+    rows: &[Row],
+    coverage: &Coverage,
+) -> Result<Vec<Table>, WriteError> {
+    let mut written = Vec::new();
+    for &id in tables {
+        let own = id.protocols();
+        let scaled: Vec<String> = own.iter().map(|name| format!("{name}-median")).collect();
+        let any = |names: &[&str]| {
+            rows.iter()
+                .any(|row| names.contains(&row.context.protocol.as_str()))
+        };
+        let scaled: Vec<&str> = scaled.iter().map(String::as_str).collect();
+        let stem = format!("table_{}", id.to_string().replace('.', "_"));
+        let mut variants = Vec::new();
+        if any(own) || !any(&scaled) {
+            variants.push((stem.clone(), own.to_vec()));
+        }
+        if any(&scaled) {
+            variants.push((format!("{stem}-median"), scaled));
+        }
+        for (stem, protocols) in variants {
+            let table = tables::build_with(id, &protocols, rows, coverage)?;
+            for (extension, text) in [
+                ("txt", table.text()),
+                ("md", table.markdown()),
+                ("tex", table.latex()),
+                ("csv", table.csv()?),
+            ] {
+                let path = out.join(format!("{stem}.{extension}"));
+                files::write_atomic(&path, text.as_bytes())?;
+            }
+            written.push(table);
+        }
+    }
+    Ok(written)
+}
+
+/// Writes `rows.csv`.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_rows(out: &Path, rows: &[Row]) -> Result<(), WriteError> {
+    let mut bytes = Vec::new();
+    rows::write(rows, &mut bytes)?;
+    Ok(files::write_atomic(&out.join("rows.csv"), &bytes)?)
+}
+
+/// Writes `leaderboard.csv`: the measured lines and the published ones of the same protocols.
+///
+/// # Errors
+/// The rows do not fit together, or the file cannot be written.
+pub fn write_leaderboard(out: &Path, rows: &[Row], expected_images: u64) -> Result<(), WriteError> {
+    let mut protocols: Vec<&str> = Vec::new();
+    for row in rows {
+        let name = row.context.protocol.as_str();
+        if !protocols.contains(&name) {
+            protocols.push(name);
+        }
+    }
+    let mut entries = Vec::new();
+    for name in &protocols {
+        let bootstrap = Bootstrap::default();
+        entries.extend(leaderboard::measured(
+            rows,
+            name,
+            expected_images,
+            &bootstrap,
+        )?);
+    }
+    entries.extend(
+        leaderboard::published()
+            .into_iter()
+            .filter(|entry| protocols.contains(&entry.protocol.as_str())),
+    );
+    let merged = leaderboard::merge([entries])?;
+    let mut bytes = Vec::new();
+    leaderboard::write(&merged, &mut bytes)?;
+    Ok(files::write_atomic(&out.join("leaderboard.csv"), &bytes)?)
+}
+
+/// Writes `failures.csv`, or nothing when nothing failed.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_failures(out: &Path, failures: &[Failure]) -> Result<(), WriteError> {
+    if failures.is_empty() {
+        return Ok(());
+    }
+    let mut csv = csv::Writer::from_writer(Vec::new());
+    let as_error = strat_metrics::CsvError::from;
+    csv.write_record(["model", "image", "reason"])
+        .map_err(as_error)?;
+    for failure in failures {
+        csv.write_record([&failure.model, &failure.image, &failure.reason])
+            .map_err(as_error)?;
+    }
+    let bytes = csv.into_inner().unwrap_or_default();
+    Ok(files::write_atomic(&out.join("failures.csv"), &bytes)?)
+}
+
+/// Writes `run.yaml`.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_record(out: &Path, record: &RunRecord) -> Result<(), WriteError> {
+    let text = yaml::to_string(record)?;
+    Ok(files::write_atomic(&out.join("run.yaml"), text.as_bytes())?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use strat_store::set::FileRef;
+
+    fn sample(labels: bool) -> Sample {
+        let file = FileRef {
+            path: "x".to_owned(),
+            blake3: String::new(),
+        };
+        Sample {
+            id: "kitti2015/000000".to_owned(),
+            width: 4,
+            height: 4,
+            focal_px: 1.0,
+            baseline_m: 1.0,
+            left: file.clone(),
+            right: file.clone(),
+            left_full: None,
+            right_full: None,
+            depth_noc: None,
+            depth_occ: None,
+            depth_velodyne: None,
+            depth_camera: None,
+            semantic: labels.then_some(file),
+            instance: None,
+        }
+    }
+
+    const COUNT: Count = Count {
+        expected: 200,
+        found: 1,
+    };
+
+    fn try_plan(choice: TableChoice, split: Split, labels: bool) -> Result<Plan, PlanError> {
+        plan(choice, &[], split, &[sample(labels)], COUNT)
+    }
+
+    fn names(plan: &Plan) -> Vec<&str> {
+        plan.protocols.iter().map(|p| p.name.as_str()).collect()
+    }
+
+    #[test]
+    fn all_means_what_the_set_offers() {
+        let with = try_plan(TableChoice::All, Split::Kitti, true).unwrap();
+        assert_eq!(names(&with), ["kitti2015", "semantic"]);
+        let without = try_plan(TableChoice::All, Split::Kitti, false).unwrap();
+        assert_eq!(names(&without), ["kitti2015"]);
+        assert!(without.left_out[0].contains("--semantics"));
+        let eigen = try_plan(TableChoice::All, Split::Eigen, false).unwrap();
+        assert_eq!(names(&eigen), ["eigen-80", "eigen-50"]);
+        assert_eq!(eigen.tables, [ThesisTable::Table33]);
+    }
+
+    #[test]
+    fn a_table_of_the_other_split_is_refused() {
+        let error = try_plan(TableChoice::Table31, Split::Eigen, false).unwrap_err();
+        let text = error.to_string();
+        assert!(
+            text.contains("table 3.1 is about the kitti split"),
+            "{text}"
+        );
+        assert!(text.contains("`prep kitti`"), "{text}");
+        assert!(text.contains("table 3.3"), "{text}");
+        assert!(try_plan(TableChoice::Table33, Split::Kitti, true).is_err());
+        assert_eq!(
+            try_plan(TableChoice::Table32, Split::Kitti, false),
+            Err(PlanError::NoLabels)
+        );
+    }
+
+    #[test]
+    fn protocols_by_name_are_added_once() {
+        let asked = ["kitti2015-occ", "kitti2015"].map(String::from);
+        let plan = plan(
+            TableChoice::Table31,
+            &asked,
+            Split::Kitti,
+            &[sample(false)],
+            COUNT,
+        )
+        .unwrap();
+        assert_eq!(names(&plan), ["kitti2015", "kitti2015-occ"]);
+        let wrong = super::plan(
+            TableChoice::Table31,
+            &["eigen-80".to_owned()],
+            Split::Kitti,
+            &[sample(false)],
+            COUNT,
+        );
+        assert!(wrong.unwrap_err().to_string().contains("Velodyne"));
+        let none = super::plan(TableChoice::All, &[], Split::Kitti, &[], COUNT);
+        assert!(none.unwrap_err().to_string().contains("200 expected"));
+    }
+}

@@ -1,0 +1,389 @@
+//! What a split asks for against what the input folders have.
+//!
+//! The result is a list of jobs in the order of the split and a list of gaps. Deciding
+//! what to do about gaps is left to the caller.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use strat_splits::{
+    Date, DriveId, FrameId, Role, Split, eigen_test, kitti2015_id, kitti2015_origin, training,
+    validation,
+};
+use strat_store::set::Count;
+
+use crate::raw::RawFolder;
+use crate::stereo2015::SceneFolder;
+
+/// One sample to be made.
+#[derive(Debug)]
+pub struct Job {
+    /// Role in the split.
+    pub role: Role,
+    /// Name of the sample.
+    pub id: String,
+    /// Its input files.
+    pub input: Input,
+}
+
+/// Input files of a sample.
+#[derive(Debug)]
+pub enum Input {
+    /// A frame of a raw drive.
+    Raw {
+        /// The frame.
+        frame: FrameId,
+        /// Left image.
+        left: PathBuf,
+        /// Right image.
+        right: PathBuf,
+        /// Velodyne scan, where depth is to be made of it.
+        scan: Option<PathBuf>,
+    },
+    /// A scene of stereo 2015.
+    Scene {
+        /// Number of the scene.
+        number: usize,
+        /// Left image.
+        left: PathBuf,
+        /// Right image.
+        right: PathBuf,
+        /// Disparity of pixels visible in both images.
+        noc: PathBuf,
+        /// Disparity of all measured pixels.
+        occ: Option<PathBuf>,
+        /// Calibration text.
+        calibration: Option<PathBuf>,
+        /// Label ids.
+        semantic: Option<PathBuf>,
+        /// Instance ids.
+        instance: Option<PathBuf>,
+    },
+}
+
+/// Jobs, counts and gaps of a split.
+#[derive(Debug, Default)]
+pub struct Inventory {
+    /// What can be made, in the order of the split.
+    pub jobs: Vec<Job>,
+    /// Samples expected and possible per role.
+    pub counts: BTreeMap<Role, Count>,
+    needed: Gaps,
+    useful: Gaps,
+    notes: Vec<String>,
+}
+
+/// What is missing of one kind in one place.
+#[derive(Debug, Default)]
+struct Gap {
+    wanted: u64,
+    missing: u64,
+    first: Vec<String>,
+}
+
+/// Gaps by place (a drive, "stereo 2015") and kind of file.
+type Gaps = BTreeMap<(Place, &'static str), Gap>;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Place {
+    Drive(DriveId),
+    Scenes,
+}
+
+/// Kind of gap of a drive that has no folder at all.
+const NO_FOLDER: &str = "folder";
+
+impl Inventory {
+    /// Looks up everything the KITTI split asks for.
+    pub fn kitti(
+        raw: &RawFolder,
+        stereo: &SceneFolder,
+        semantics: Option<&SceneFolder>,
+        train_depth: bool,
+    ) -> Self {
+        let mut inventory = Self::default();
+        inventory.add_raw(raw, Split::Kitti, train_depth);
+        for number in 0..kitti2015_origin().len() {
+            inventory.count(Role::Test, 1, 0);
+            let name = format!("{number:06}_10");
+            let mut look = |gaps: fn(&mut Self) -> &mut Gaps, kind, found: Option<PathBuf>| {
+                tally(
+                    gaps(&mut inventory),
+                    Place::Scenes,
+                    kind,
+                    &name,
+                    found.is_some(),
+                );
+                found
+            };
+            let left = look(
+                |i| &mut i.needed,
+                "left images (image_2)",
+                stereo.picture("image_2", number),
+            );
+            let right = look(
+                |i| &mut i.needed,
+                "right images (image_3)",
+                stereo.picture("image_3", number),
+            );
+            let noc = look(
+                |i| &mut i.needed,
+                "disparities (disp_noc_0)",
+                stereo.picture("disp_noc_0", number),
+            );
+            let occ = look(
+                |i| &mut i.useful,
+                "disparities (disp_occ_0)",
+                stereo.picture("disp_occ_0", number),
+            );
+            let calibration = look(
+                |i| &mut i.useful,
+                "calibrations (calib_cam_to_cam)",
+                stereo.calibration(number),
+            );
+            let semantic = semantics.and_then(|s| {
+                look(
+                    |i| &mut i.needed,
+                    "label images (semantic)",
+                    s.picture("semantic", number),
+                )
+            });
+            let instance = semantics.and_then(|s| {
+                look(
+                    |i| &mut i.useful,
+                    "instance images (instance)",
+                    s.picture("instance", number),
+                )
+            });
+            if let (Some(left), Some(right), Some(noc)) = (left, right, noc) {
+                inventory.count(Role::Test, 0, 1);
+                inventory.jobs.push(Job {
+                    role: Role::Test,
+                    id: kitti2015_id(number),
+                    input: Input::Scene {
+                        number,
+                        left,
+                        right,
+                        noc,
+                        occ,
+                        calibration,
+                        semantic,
+                        instance,
+                    },
+                });
+            }
+        }
+        inventory.finished()
+    }
+
+    /// Looks up everything the Eigen split asks for.
+    pub fn eigen(raw: &RawFolder, train_depth: bool) -> Self {
+        let mut inventory = Self::default();
+        inventory.add_raw(raw, Split::Eigen, train_depth);
+        for frame in eigen_test() {
+            inventory.add_frame(raw, *frame, Role::Test, true);
+        }
+        inventory.finished()
+    }
+
+    /// Forgets what was looked up and found.
+    fn finished(mut self) -> Self {
+        for gaps in [&mut self.needed, &mut self.useful] {
+            gaps.retain(|_, gap| gap.missing > 0);
+        }
+        self
+    }
+
+    /// Whether every sample of the split can be made and no label that was asked for is missing.
+    pub fn is_complete(&self) -> bool {
+        self.needed.is_empty()
+    }
+
+    /// `train 22 of 29839 pairs, val 6 of 320, test 36 of 200`
+    pub fn summary(&self) -> String {
+        summary(&self.counts)
+    }
+
+    /// Lines that say what is missing, drive by drive, with the first few names. First what
+    /// samples need, then what they could do without.
+    pub fn describe_gaps(&self) -> String {
+        let mut text = String::new();
+        describe(&mut text, &self.needed);
+        if !self.useful.is_empty() {
+            text.push_str("Samples are made without these, and are less useful for it:\n");
+            describe(&mut text, &self.useful);
+        }
+        for note in &self.notes {
+            let _ = writeln!(text, "  {note}");
+        }
+        text
+    }
+
+    fn add_raw(&mut self, raw: &RawFolder, split: Split, train_depth: bool) {
+        self.note_calibrations(raw, split);
+        for frame in training(split) {
+            self.add_frame(raw, frame, Role::Train, train_depth);
+        }
+        for frame in validation(split) {
+            self.add_frame(raw, frame, Role::Val, true);
+        }
+    }
+
+    fn add_frame(&mut self, raw: &RawFolder, frame: FrameId, role: Role, depth: bool) {
+        self.count(role, 1, 0);
+        let place = Place::Drive(frame.drive);
+        if !raw.has_drive(frame.drive) {
+            tally(&mut self.needed, place, NO_FOLDER, &frame.stem(), false);
+            return;
+        }
+        let day = raw.day(frame.drive.date);
+        let mut look = |kind, present: bool| {
+            tally(&mut self.needed, place, kind, &frame.stem(), present);
+            present
+        };
+        let cameras = look(
+            "pairs with a camera calibration",
+            day.is_some_and(|day| day.cameras.is_ok()),
+        );
+        let (left, right) = (raw.left(frame), raw.right(frame));
+        let images = look("left images (image_02)", left.is_some())
+            & look("right images (image_03)", right.is_some());
+        let mut scan = None;
+        // A missing pair is told once; a test frame is nothing without its ground truth.
+        if depth && (images || role == Role::Test) {
+            scan = raw
+                .scan(frame)
+                .filter(|_| day.is_some_and(|day| day.projection.is_ok()));
+            let gaps = if role == Role::Test {
+                &mut self.needed
+            } else {
+                &mut self.useful
+            };
+            tally(
+                gaps,
+                place,
+                "usable scans (velodyne_points)",
+                &frame.stem(),
+                scan.is_some(),
+            );
+            if role == Role::Test && scan.is_none() {
+                return;
+            }
+        }
+        if let (Some(left), Some(right), true) = (left, right, cameras && images) {
+            self.count(role, 0, 1);
+            self.jobs.push(Job {
+                role,
+                id: frame.to_string(),
+                input: Input::Raw {
+                    frame,
+                    left: left.to_owned(),
+                    right: right.to_owned(),
+                    scan: scan.map(ToOwned::to_owned),
+                },
+            });
+        }
+    }
+
+    /// Says once per day why its calibration is not usable, where drives of it are there.
+    fn note_calibrations(&mut self, raw: &RawFolder, split: Split) {
+        for date in Date::ALL {
+            let drives = strat_splits::drives()
+                .iter()
+                .filter(|d| d.id.date == date && raw.has_drive(d.id))
+                .count();
+            let Some(day) = raw.day(date).filter(|_| drives > 0) else {
+                continue;
+            };
+            match (&day.cameras, &day.projection) {
+                (Err(problem), _) => {
+                    self.notes.push(format!(
+                        "no pair of {date} can be used in the {split} split: {problem}"
+                    ));
+                }
+                (Ok(_), Err(problem)) => self
+                    .notes
+                    .push(format!("no scan of {date} can be used: {problem}")),
+                (Ok(_), Ok(_)) => {}
+            }
+        }
+    }
+
+    fn count(&mut self, role: Role, expected: u64, found: u64) {
+        let count = self.counts.entry(role).or_default();
+        count.expected += expected;
+        count.found += found;
+    }
+}
+
+/// `train 22 of 29839 pairs, val 6 of 320, test 36 of 200`
+pub fn summary(counts: &BTreeMap<Role, Count>) -> String {
+    let of = |role| {
+        let count = counts.get(&role).copied().unwrap_or_default();
+        format!("{} of {}", count.found, count.expected)
+    };
+    format!(
+        "train {} pairs, val {}, test {}",
+        of(Role::Train),
+        of(Role::Val),
+        of(Role::Test)
+    )
+}
+
+fn tally(gaps: &mut Gaps, place: Place, kind: &'static str, name: &str, present: bool) {
+    let gap = gaps.entry((place, kind)).or_default();
+    gap.wanted += 1;
+    if !present {
+        gap.missing += 1;
+        if gap.first.len() < 3 {
+            gap.first.push(name.to_owned());
+        }
+    }
+}
+
+fn describe(text: &mut String, gaps: &Gaps) {
+    for date in Date::ALL {
+        let absent: Vec<_> = gaps
+            .iter()
+            .filter_map(|((place, kind), gap)| match place {
+                Place::Drive(drive) if drive.date == date && *kind == NO_FOLDER => {
+                    Some((drive.number, gap.missing))
+                }
+                _ => None,
+            })
+            .collect();
+        if !absent.is_empty() {
+            let frames: u64 = absent.iter().map(|(_, frames)| frames).sum();
+            let numbers: Vec<_> = absent
+                .iter()
+                .map(|(number, _)| format!("{number:04}"))
+                .collect();
+            let _ = writeln!(
+                text,
+                "  {date}: no folder for {} {} ({frames} pairs): {}",
+                absent.len(),
+                if absent.len() == 1 { "drive" } else { "drives" },
+                numbers.join(" ")
+            );
+        }
+    }
+    for ((place, kind), gap) in gaps.iter().filter(|((_, kind), _)| *kind != NO_FOLDER) {
+        let place = match place {
+            Place::Drive(drive) => drive.to_string(),
+            Place::Scenes => "stereo 2015".to_owned(),
+        };
+        let more = if gap.missing > gap.first.len() as u64 {
+            ", ..."
+        } else {
+            ""
+        };
+        let _ = writeln!(
+            text,
+            "  {place}: {} of {} {kind} missing: {}{more}",
+            gap.missing,
+            gap.wanted,
+            gap.first.join(", ")
+        );
+    }
+}

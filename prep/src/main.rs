@@ -1,0 +1,7 @@
+//! The `prep` command: see [`strat_prep`].
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    ExitCode::from(strat_prep::cli::main(std::env::args_os()))
+}

@@ -1,0 +1,312 @@
+//! Which frames a preset renders: real drive names and frame numbers, so that the
+//! roles, validation draw and test lists of [`strat_splits`] apply to them.
+
+use std::collections::BTreeSet;
+
+use clap::ValueEnum;
+use strat_splits::{
+    Category, Date, Drive, DriveId, DriveRole, FrameId, Split, drives, eigen_test,
+    kitti2015_origin, validation,
+};
+
+use super::chance::{Dice, key_of_name};
+use super::street::Theme;
+
+/// How much is rendered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Preset {
+    /// A handful of frames at a third of the native size, for tests (seconds).
+    Tiny,
+    /// About 250 stereo pairs at native size: enough to train a small network (a minute).
+    Demo,
+    /// Thousands of pairs at half the native size: all training drives thinned out, all
+    /// test frames of both splits (tens of minutes).
+    Study,
+}
+
+impl Preset {
+    /// Name on the command line and in `WORLD.yaml`.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Tiny => "tiny",
+            Self::Demo => "demo",
+            Self::Study => "study",
+        }
+    }
+
+    /// Native image size divided by this.
+    pub(super) fn divisor(self) -> u32 {
+        match self {
+            Self::Tiny => 3,
+            Self::Demo => 1,
+            Self::Study => 2,
+        }
+    }
+
+    /// Rays per beam over the front half circle.
+    pub(super) fn scan_steps(self) -> usize {
+        match self {
+            Self::Tiny => 360,
+            Self::Demo => 1000,
+            Self::Study => 720,
+        }
+    }
+}
+
+/// One stereo pair to render.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Shot {
+    /// Name of the world it is taken in: a drive or a stereo 2015 scene of its own.
+    pub world: String,
+    pub theme: Theme,
+    pub date: Date,
+    /// Frame number within the world.
+    pub index: u32,
+    pub purpose: Purpose,
+}
+
+/// Where a shot goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Purpose {
+    /// A frame of a raw drive, with a scan unless the published data lack it.
+    Raw { frame: FrameId, scan: bool },
+    /// A stereo 2015 scene by number, with disparities and labels.
+    Stereo { number: usize },
+}
+
+/// Training drives (in both splits) and Eigen test drives (test in both splits).
+struct Choice {
+    training: &'static [&'static str],
+    per_drive: u32,
+    /// Frames between two of one drive.
+    stride: u32,
+    validation: usize,
+    testing: &'static [&'static str],
+    tests: usize,
+    stereo: &'static [usize],
+}
+
+const TINY: Choice = Choice {
+    training: &["2011_09_26_drive_0001", "2011_09_29_drive_0026"],
+    per_drive: 4,
+    stride: 16,
+    validation: 2,
+    testing: &[
+        "2011_09_26_drive_0013",
+        "2011_09_26_drive_0101",
+        "2011_10_03_drive_0047",
+    ],
+    tests: 1,
+    stereo: &[2, 155, 170],
+};
+
+const DEMO: Choice = Choice {
+    training: &[
+        "2011_09_26_drive_0001",
+        "2011_09_26_drive_0035",
+        "2011_09_26_drive_0039",
+        "2011_09_26_drive_0061",
+        "2011_09_26_drive_0087",
+        "2011_09_26_drive_0091",
+        "2011_09_26_drive_0095",
+        "2011_09_28_drive_0001",
+        "2011_09_29_drive_0026",
+        "2011_09_30_drive_0028",
+        "2011_10_03_drive_0034",
+        "2011_10_03_drive_0042",
+    ],
+    per_drive: 13,
+    stride: 16,
+    validation: 2,
+    testing: &[
+        "2011_09_26_drive_0009",
+        "2011_09_26_drive_0013",
+        "2011_09_26_drive_0027",
+        "2011_09_26_drive_0036",
+        "2011_09_26_drive_0046",
+        "2011_09_26_drive_0096",
+        "2011_09_26_drive_0101",
+        "2011_09_28_drive_0002",
+        "2011_09_29_drive_0071",
+        "2011_10_03_drive_0047",
+    ],
+    tests: 4,
+    stereo: &[
+        0, 2, 5, 11, 19, 27, 36, 44, 53, 61, 70, 79, 88, 97, 108, 117, 126, 137, 148, 155, 160,
+        170, 181, 193,
+    ],
+};
+
+/// The shots of a preset, raw drives first.
+pub(super) fn shots(preset: Preset) -> Vec<Shot> {
+    let (raw, stereo): (BTreeSet<FrameId>, Vec<usize>) = match preset {
+        Preset::Tiny => chosen(&TINY),
+        Preset::Demo => chosen(&DEMO),
+        Preset::Study => {
+            let mut raw: BTreeSet<FrameId> = eigen_test().iter().copied().collect();
+            for split in [Split::Kitti, Split::Eigen] {
+                raw.extend(validation(split));
+                let training = drives()
+                    .iter()
+                    .filter(|d| d.role(split) == DriveRole::Train);
+                raw.extend(training.flat_map(|d| d.frame_ids().step_by(12)));
+            }
+            (raw, (0..kitti2015_origin().len()).collect())
+        }
+    };
+    let mut shots: Vec<Shot> = raw.into_iter().filter_map(raw_shot).collect();
+    shots.extend(stereo.into_iter().map(stereo_shot));
+    shots
+}
+
+fn chosen(choice: &Choice) -> (BTreeSet<FrameId>, Vec<usize>) {
+    let held_out: BTreeSet<FrameId> = validation(Split::Kitti)
+        .into_iter()
+        .chain(validation(Split::Eigen))
+        .collect();
+    let mut raw = BTreeSet::new();
+    for drive in named(choice.training) {
+        let stride = choice.stride.min(drive.frames / choice.per_drive).max(1);
+        let mut taken = 0;
+        let mut index = 0;
+        while taken < choice.per_drive && index < drive.frames {
+            let frame = FrameId {
+                drive: drive.id,
+                index,
+            };
+            if held_out.contains(&frame) {
+                index += 1;
+                continue;
+            }
+            raw.insert(frame);
+            taken += 1;
+            index += stride;
+        }
+        raw.extend(
+            held_out
+                .iter()
+                .filter(|f| f.drive == drive.id)
+                .take(choice.validation),
+        );
+    }
+    for drive in named(choice.testing) {
+        let frames: Vec<FrameId> = eigen_test()
+            .iter()
+            .copied()
+            .filter(|f| f.drive == drive.id)
+            .collect();
+        let step = (frames.len() / choice.tests).max(1);
+        raw.extend(frames.into_iter().step_by(step).take(choice.tests));
+    }
+    (raw, choice.stereo.to_vec())
+}
+
+fn named(names: &[&str]) -> impl Iterator<Item = &'static Drive> {
+    let wanted: Vec<DriveId> = names.iter().filter_map(|n| n.parse().ok()).collect();
+    drives().iter().filter(move |d| wanted.contains(&d.id))
+}
+
+fn theme(category: Category) -> Theme {
+    match category {
+        Category::City => Theme::City,
+        Category::Residential => Theme::Residential,
+        Category::Road => Theme::Road,
+    }
+}
+
+fn raw_shot(frame: FrameId) -> Option<Shot> {
+    let drive = drives().iter().find(|d| d.id == frame.drive)?;
+    Some(Shot {
+        world: drive.id.to_string(),
+        theme: theme(drive.category),
+        date: drive.id.date,
+        index: frame.index,
+        purpose: Purpose::Raw {
+            frame,
+            scan: !drive.missing_scans.contains(&frame.index),
+        },
+    })
+}
+
+/// Scenes cut from public drives show that drive; the others have worlds of their own.
+fn stereo_shot(number: usize) -> Shot {
+    let purpose = Purpose::Stereo { number };
+    let origin = kitti2015_origin().get(number).copied().flatten();
+    if let Some(shot) = origin.and_then(raw_shot) {
+        return Shot { purpose, ..shot };
+    }
+    let world = format!("kitti2015/{number:06}");
+    let mut dice = Dice::new(key_of_name(&world));
+    // Image sizes by number: PROTOCOL 1.2.
+    let date = match number {
+        0..=154 => Date::D2011_09_26,
+        155..=156 => Date::D2011_09_28,
+        157..=169 => Date::D2011_09_29,
+        _ => Date::D2011_10_03,
+    };
+    let theme = dice.pick(&[Theme::City, Theme::City, Theme::Residential, Theme::Road]);
+    Shot {
+        world,
+        theme,
+        date,
+        index: dice.below(300) as u32,
+        purpose,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use strat_splits::training;
+
+    fn raw_frames(preset: Preset) -> BTreeSet<FrameId> {
+        shots(preset)
+            .into_iter()
+            .filter_map(|s| match s.purpose {
+                Purpose::Raw { frame, .. } => Some(frame),
+                Purpose::Stereo { .. } => None,
+            })
+            .collect()
+    }
+
+    /// Counts of train, validation and Eigen test frames, and of stereo scenes.
+    fn counts(preset: Preset, split: Split) -> (usize, usize, usize, usize) {
+        let raw = raw_frames(preset);
+        let within = |frames: Vec<FrameId>| frames.iter().filter(|f| raw.contains(f)).count();
+        let stereo = shots(preset).len() - raw.len();
+        (
+            within(training(split)),
+            within(validation(split)),
+            within(eigen_test().to_vec()),
+            stereo,
+        )
+    }
+
+    #[test]
+    fn presets_serve_both_splits_alike() {
+        for split in [Split::Kitti, Split::Eigen] {
+            assert_eq!(counts(Preset::Tiny, split), (8, 4, 3, 3));
+            assert_eq!(counts(Preset::Demo, split), (156, 24, 40, 24));
+            let (train, val, test, stereo) = counts(Preset::Study, split);
+            assert!(train > 1900, "{train}");
+            assert_eq!(val, validation(split).len());
+            assert_eq!((test, stereo), (697, 200));
+        }
+    }
+
+    #[test]
+    fn stereo_scenes_have_the_size_that_belongs_to_their_number() {
+        for shot in shots(Preset::Study) {
+            let Purpose::Stereo { number } = shot.purpose else {
+                continue;
+            };
+            let expected = match number {
+                0..=154 => (1242, 375),
+                155..=156 => (1224, 370),
+                157..=169 => (1238, 374),
+                _ => (1241, 376),
+            };
+            assert_eq!(shot.date.image_size(), expected, "{number}");
+        }
+    }
+}

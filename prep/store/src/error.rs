@@ -1,0 +1,82 @@
+//! What can go wrong with files of a prepared set, as sentences for users.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Result of this crate.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// A file or folder that could not be read, written or understood. Every message names it.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The operating system refused.
+    #[error("cannot {action} {}: {source}", path.display())]
+    Io {
+        /// What was tried: "read", "write", "create".
+        action: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// The reason given.
+        source: io::Error,
+    },
+    /// Not a usable picture.
+    #[error("{path} is not a usable image: {problem}")]
+    Image {
+        /// File name, or the name the caller gave to the bytes.
+        path: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// Not a depth file of this project.
+    #[error("{} is not a usable depth file: {problem}", path.display())]
+    Depth {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// Text that is no valid YAML for its purpose.
+    #[error("cannot use {}: {problem}", path.display())]
+    Yaml {
+        /// The file.
+        path: PathBuf,
+        /// Key, line and column, and what is wrong there.
+        problem: String,
+    },
+    /// A bad line in a CSV file.
+    #[error("{}, line {line}: {problem}", path.display())]
+    Table {
+        /// The file.
+        path: PathBuf,
+        /// 1-based line number.
+        line: u64,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A folder that is not a finished prepared set.
+    #[error("{} is not a finished prepared set: {problem}", path.display())]
+    Set {
+        /// The folder.
+        path: PathBuf,
+        /// What is missing or contradictory, and what to do.
+        problem: String,
+    },
+    /// A value that could not be turned into text.
+    #[error("cannot write this as YAML: {0}")]
+    ToYaml(String),
+}
+
+impl Error {
+    pub(crate) fn io(action: &'static str, path: &Path, source: io::Error) -> Self {
+        Self::Io {
+            action,
+            path: path.to_owned(),
+            source,
+        }
+    }
+
+    /// Whether the cause is a file that does not exist.
+    pub fn is_not_found(&self) -> bool {
+        matches!(self, Self::Io { source, .. } if source.kind() == io::ErrorKind::NotFound)
+    }
+}

@@ -1,0 +1,180 @@
+//! Files that appear whole or not at all, and their hashes.
+//!
+//! Everything is written to a temporary file in the target's folder and renamed. There is
+//! no fsync: after a power failure files may be missing, and a second run writes them again.
+
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use fs_err as fs;
+
+use crate::error::{Error, Result};
+
+/// Prefix of temporary files; what carries it is a leftover of a killed run.
+pub const UNFINISHED_PREFIX: &str = ".unfinished-";
+
+/// Writes bytes to `path`, replacing what is there in one step. Creates parent folders.
+///
+/// # Errors
+/// The folder cannot be created or written to.
+pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_atomic_with(path, |out| out.write_all(bytes))
+}
+
+/// Like [`write_atomic`] for content that is produced piece by piece. If `fill` fails,
+/// nothing appears at `path`.
+///
+/// # Errors
+/// The folder cannot be created or written to, or `fill` fails.
+pub fn write_atomic_with(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<()> {
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    std::fs::create_dir_all(folder).map_err(|e| Error::io("create the folder", folder, e))?;
+    let written = unfinished_in(folder).and_then(|file| {
+        let mut out = BufWriter::with_capacity(1 << 16, file);
+        fill(&mut out)?;
+        out.into_inner()
+            .map_err(io::IntoInnerError::into_error)?
+            .persist(path)
+            .map_err(|e| e.error)
+    });
+    written.map(drop).map_err(|e| Error::io("write", path, e))
+}
+
+/// Copies a file byte by byte; the copy appears whole or not at all.
+///
+/// # Errors
+/// `from` cannot be read or `to` not be written.
+pub fn copy_atomic(from: &Path, to: &Path) -> Result<()> {
+    let mut source = std::fs::File::open(from).map_err(|e| Error::io("read", from, e))?;
+    write_atomic_with(to, |out| io::copy(&mut source, out).map(drop))
+}
+
+/// Reads a whole file.
+///
+/// # Errors
+/// The file cannot be read; the message names it.
+pub fn read(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).map_err(|e| Error::io("read", path, e))
+}
+
+/// Makes sure that `folder` exists and can be written to, by writing to it.
+///
+/// # Errors
+/// It cannot be created or written to.
+pub fn check_writable(folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).map_err(|e| Error::io("create the folder", folder, e))?;
+    unfinished_in(folder)
+        .map(drop)
+        .map_err(|e| Error::io("write to the folder", folder, e))
+}
+
+/// BLAKE3 of bytes in hex.
+pub fn blake3_hex(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex().to_string()
+}
+
+/// BLAKE3 of a file's content in hex.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn blake3_file(path: &Path) -> Result<String> {
+    let read = || {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(fs::File::open(path)?)?;
+        Ok(hasher.finalize().to_hex().to_string())
+    };
+    read().map_err(|e| Error::io("read", path, e))
+}
+
+fn unfinished_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(UNFINISHED_PREFIX);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // Temporary files are private by default; these become ordinary files.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    builder.tempfile_in(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<_> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn files_are_replaced_and_folders_made() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a/b/c.txt");
+        write_atomic(&path, b"one").unwrap();
+        write_atomic(&path, b"two").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"two");
+        assert_eq!(
+            names(path.parent().unwrap()),
+            ["c.txt"],
+            "no temporary file stays"
+        );
+    }
+
+    #[test]
+    fn a_failing_writer_leaves_the_old_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rows.csv");
+        write_atomic(&path, b"old").unwrap();
+        let error = write_atomic_with(&path, |out| {
+            out.write_all(b"half of")?;
+            Err(io::Error::other("the pen broke"))
+        })
+        .unwrap_err();
+        assert!(
+            error.to_string().contains("rows.csv") && error.to_string().contains("the pen broke"),
+            "{error}"
+        );
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(folder.path()), ["rows.csv"]);
+    }
+
+    #[test]
+    fn copies_and_hashes() {
+        let folder = tempfile::tempdir().unwrap();
+        let (from, to) = (folder.path().join("from"), folder.path().join("deep/to"));
+        std::fs::write(&from, b"abc").unwrap();
+        copy_atomic(&from, &to).unwrap();
+        // The published test vector of BLAKE3 for "abc".
+        let abc = "6437b3ac38465133ffb63b75273a8db548c558465d79db03fd359c6cd5bd9d85";
+        assert_eq!(blake3_file(&to).unwrap(), abc);
+        assert_eq!(blake3_hex(b"abc"), abc);
+
+        let error = copy_atomic(&folder.path().join("nothing"), &to).unwrap_err();
+        assert!(
+            error.is_not_found() && error.to_string().contains("nothing"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_file_where_a_folder_should_be_is_reported() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, b"").unwrap();
+        assert!(check_writable(&file).is_err());
+        assert!(write_atomic(&file.join("x"), b"").is_err());
+        check_writable(&folder.path().join("new/folder")).unwrap();
+        assert!(names(&folder.path().join("new/folder")).is_empty());
+    }
+}

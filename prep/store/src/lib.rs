@@ -1,0 +1,19 @@
+//! The prepared set in both directions: manifest, images, EXR depth, resize kernels, hashes,
+//! atomic writes.
+//!
+//! `prep` writes a prepared set, `train` and `bench` read it; this crate alone owns its
+//! format ([`set`]). The parts it is made of can be used one by one: [`image_files`] and
+//! [`resize`] for pictures, [`exr`] for depth, [`files`] for writing, [`yaml`] for
+//! configuration, [`progress`] for long jobs. It knows nothing about where data comes from.
+
+mod error;
+pub mod exr;
+pub mod files;
+pub mod image_files;
+pub mod progress;
+pub mod raster;
+pub mod resize;
+pub mod set;
+pub mod yaml;
+
+pub use error::{Error, Result};

@@ -1,0 +1,801 @@
+//! The `prep` command on tiny inputs in KITTI's layouts, made up by closed formulas.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use assert_cmd::Command;
+use image::{Rgb, RgbImage};
+use strat_splits::Role;
+use strat_store::resize::{self, Kernel};
+use strat_store::set::{Count, PreparedSet};
+use strat_store::{exr, image_files};
+use tempfile::TempDir;
+
+const WIDTH: u32 = 62;
+const HEIGHT: u32 = 20;
+const DRIVE_1: &str = "2011_09_26/2011_09_26_drive_0001_sync";
+const DRIVE_2: &str = "2011_09_26/2011_09_26_drive_0002_sync";
+const CAM: &str = "calib_time: 09-Jan-2012 13:57:47
+S_rect_02: 6.2e+01 2.0e+01
+R_rect_00: 1 0 0 0 1 0 0 0 1
+P_rect_00: 1,1+02 0 31 0 0 36 10 0 0 0 1 0
+P_rect_02: 36 0 31 0 0 36 10 0 0 0 1 0
+P_rect_03: 36 0 31 -18 0 36 10 0 0 0 1 0
+";
+const VELO: &str = "R: 0 -1 0 0 0 -1 1 0 0\nT: 0 0 0.25\n";
+
+/// A folder with `raw` and `stereo`, and room for outputs.
+struct World(TempDir);
+
+impl World {
+    /// Drive 0001 (training in both splits): frames 4 and 5, of which 5 is drawn for validation.
+    /// Drive 0002 (training in KITTI, test in Eigen): frames 0 and 3, both Eigen test frames.
+    /// Stereo 2015: scenes 0 and 6, of which only 6 has `disp_occ_0`.
+    fn new() -> Self {
+        let world = Self(TempDir::new().unwrap());
+        world.write("raw/2011_09_26/calib_cam_to_cam.txt", CAM.as_bytes());
+        world.write("raw/2011_09_26/calib_velo_to_cam.txt", VELO.as_bytes());
+        for (drive, frames) in [(DRIVE_1, [4, 5]), (DRIVE_2, [0, 3])] {
+            for frame in frames {
+                for side in [2, 3] {
+                    let bytes = image_files::encode_png_rgb(&picture(frame * 10 + side));
+                    world.write(
+                        &format!("raw/{drive}/image_0{side}/data/{frame:010}.png"),
+                        &bytes,
+                    );
+                }
+                world.write(
+                    &format!("raw/{drive}/velodyne_points/data/{frame:010}.bin"),
+                    &scan(),
+                );
+            }
+        }
+        for scene in [0, 6] {
+            for side in [2, 3] {
+                let bytes = image_files::encode_png_rgb(&picture(700 + scene * 10 + side));
+                world.write(
+                    &format!("stereo/training/image_{side}/{scene:06}_10.png"),
+                    &bytes,
+                );
+            }
+            let png = image_files::encode_png_gray16(WIDTH, HEIGHT, &disparity());
+            world.write(
+                &format!("stereo/training/disp_noc_0/{scene:06}_10.png"),
+                &png,
+            );
+            if scene == 6 {
+                world.write(
+                    &format!("stereo/training/disp_occ_0/{scene:06}_10.png"),
+                    &png,
+                );
+            }
+            world.write(
+                &format!("stereo/training/calib_cam_to_cam/{scene:06}.txt"),
+                CAM.as_bytes(),
+            );
+        }
+        world
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) {
+        let path = self.path(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+
+    fn remove(&self, name: &str) {
+        std::fs::remove_file(self.path(name)).unwrap();
+    }
+
+    /// Cuts a file in half.
+    fn truncate(&self, name: &str) -> Vec<u8> {
+        let bytes = std::fs::read(self.path(name)).unwrap();
+        self.write(name, &bytes[..bytes.len() / 2 + 1]);
+        bytes
+    }
+
+    fn eigen(&self, out: &str, more: &[&str]) -> Outcome {
+        self.run("eigen", &[], out, more)
+    }
+
+    fn kitti(&self, out: &str, more: &[&str]) -> Outcome {
+        let stereo = self.path("stereo");
+        self.run(
+            "kitti",
+            &["--stereo2015", stereo.to_str().unwrap()],
+            out,
+            more,
+        )
+    }
+
+    fn run(&self, split: &str, inputs: &[&str], out: &str, more: &[&str]) -> Outcome {
+        let mut args = vec![
+            split.to_owned(),
+            "--raw".to_owned(),
+            self.path("raw").display().to_string(),
+        ];
+        args.extend(inputs.iter().chain(more).map(ToString::to_string));
+        if !more.contains(&"--width") {
+            args.extend(["--width", "32", "--height", "16"].map(String::from));
+        }
+        args.extend(["--out".to_owned(), self.path(out).display().to_string()]);
+        prep(&args)
+    }
+
+    fn open(&self, out: &str) -> PreparedSet {
+        PreparedSet::open(&self.path(out)).unwrap()
+    }
+}
+
+struct Outcome {
+    code: i32,
+    stdout: String,
+    stderr: String,
+}
+
+fn prep(args: &[impl AsRef<str>]) -> Outcome {
+    let args = args.iter().map(AsRef::as_ref);
+    let output = Command::new(env!("CARGO_BIN_EXE_prep"))
+        .args(args)
+        .output()
+        .unwrap();
+    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+    let outcome = Outcome {
+        code: output.status.code().unwrap(),
+        stdout: text(&output.stdout),
+        stderr: text(&output.stderr),
+    };
+    assert!(!outcome.stderr.contains("panicked"), "{}", outcome.stderr);
+    outcome
+}
+
+#[track_caller]
+fn assert_has(text: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(text.contains(part), "`{part}` is not in:\n{text}");
+    }
+}
+
+fn picture(seed: u32) -> RgbImage {
+    RgbImage::from_fn(WIDTH, HEIGHT, |x, y| {
+        Rgb([0, 1, 2].map(|c| ((x * 7 + y * 11 + c * 53 + seed * 29 + x * y % 13) % 256) as u8))
+    })
+}
+
+/// A wall eight metres ahead of the scanner, in little-endian `f32`.
+fn scan() -> Vec<u8> {
+    let points = (0..400).map(|i| {
+        [
+            8.0,
+            (i % 40 - 20) as f32 / 4.0,
+            (i / 40 - 5) as f32 / 4.0,
+            0.5_f32,
+        ]
+    });
+    points.flatten().flat_map(f32::to_le_bytes).collect()
+}
+
+/// Every third pixel measured, in 1/256 px.
+fn disparity() -> Vec<u16> {
+    (0..WIDTH * HEIGHT)
+        .map(|i| if i % 3 == 0 { 0 } else { (300 + i * 7) as u16 })
+        .collect()
+}
+
+/// All files below a folder with their content.
+fn tree(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    let mut folders = vec![root.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                files.insert(
+                    path.strip_prefix(root).unwrap().to_owned(),
+                    std::fs::read(&path).unwrap(),
+                );
+            }
+        }
+    }
+    files
+}
+
+#[track_caller]
+fn assert_same_tree(a: &Path, b: &Path) {
+    let (a, b) = (tree(a), tree(b));
+    assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>());
+    for (path, content) in &a {
+        assert!(content == &b[path], "{} differs", path.display());
+    }
+}
+
+fn ids(set: &PreparedSet, role: Role) -> Vec<String> {
+    set.samples(role)
+        .unwrap()
+        .into_iter()
+        .map(|sample| sample.id)
+        .collect()
+}
+
+#[test]
+fn an_incomplete_split_is_refused_with_what_is_missing() {
+    let world = World::new();
+    let kitti = world.kitti("out", &[]);
+    assert_eq!(kitti.code, 1);
+    assert_has(
+        &kitti.stderr,
+        &[
+            "train 3 of 29839 pairs, val 1 of 320, test 2 of 200",
+            "2011_09_26_drive_0001: 106 of 108 left images (image_02) missing: 0000000000, 0000000001, 0000000002, ...",
+            "2011_09_29: no folder for 1 drive (158 pairs): 0026",
+            "stereo 2015: 198 of 200 disparities (disp_noc_0) missing: 000001_10, 000002_10, 000003_10, ...",
+            "--allow-missing",
+        ],
+    );
+    assert!(kitti.stdout.is_empty());
+    assert!(!world.path("out").exists(), "nothing is written");
+
+    let eigen = world.eigen("out", &[]);
+    assert_eq!(eigen.code, 1);
+    assert_has(
+        &eigen.stderr,
+        &["train 1 of 23158 pairs, val 1 of 330, test 2 of 697"],
+    );
+}
+
+#[test]
+fn the_kitti_set_holds_what_the_contract_says() {
+    let world = World::new();
+    let inputs = tree(&world.path("raw"));
+    let outcome = world.kitti("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_has(
+        &outcome.stdout,
+        &[
+            "train 3 of 29839 pairs, val 1 of 320, test 2 of 200",
+            "digest ",
+        ],
+    );
+    assert_has(
+        &outcome.stderr,
+        &["stereo 2015: 199 of 200 disparities (disp_occ_0) missing: 000000_10"],
+    );
+    assert!(
+        tree(&world.path("raw")) == inputs,
+        "inputs are never changed"
+    );
+
+    let set = world.open("out");
+    let manifest = &set.manifest;
+    assert_eq!(
+        manifest.counts[&Role::Train],
+        Count {
+            expected: 29_839,
+            found: 3
+        }
+    );
+    assert_eq!(
+        manifest.counts[&Role::Test],
+        Count {
+            expected: 200,
+            found: 2
+        }
+    );
+    assert_eq!((manifest.source.as_str(), manifest.failures), ("kitti", 0));
+    assert_eq!(
+        (manifest.image_width, manifest.image_height, manifest.kernel),
+        (32, 16, Kernel::Area)
+    );
+    assert_eq!(manifest.cameras.len(), 2, "the raw day and the scenes");
+    assert_eq!(
+        ids(&set, Role::Train),
+        [
+            "2011_09_26_drive_0001/0000000004",
+            "2011_09_26_drive_0002/0000000000",
+            "2011_09_26_drive_0002/0000000003"
+        ]
+    );
+    assert_eq!(ids(&set, Role::Val), ["2011_09_26_drive_0001/0000000005"]);
+    assert_eq!(
+        ids(&set, Role::Test),
+        ["kitti2015/000000", "kitti2015/000006"]
+    );
+
+    let train = &set.samples(Role::Train).unwrap()[0];
+    assert_eq!(
+        (train.width, train.height, train.focal_px, train.baseline_m),
+        (WIDTH, HEIGHT, 36.0, 0.5)
+    );
+    assert!(train.left_full.is_none() && train.depth_velodyne.is_none());
+    let expected = resize::rgb(&picture(43), 32, 16, Kernel::Area);
+    assert_eq!(
+        image_files::read_rgb(&set.path(&train.right)).unwrap(),
+        expected
+    );
+
+    let val = &set.samples(Role::Val).unwrap()[0];
+    let (velodyne, header) =
+        exr::read_depth(&set.path(val.depth_velodyne.as_ref().unwrap())).unwrap();
+    assert_eq!((velodyne.width, velodyne.height), (62, 20));
+    assert!(velodyne.data.iter().all(|d| *d == 0.0 || *d == 8.0) && velodyne.data.contains(&8.0));
+    assert_eq!(
+        (header.axis.as_str(), header.frame.as_str()),
+        ("velodyne-x", val.id.as_str())
+    );
+    let (camera, _) = exr::read_depth(&set.path(val.depth_camera.as_ref().unwrap())).unwrap();
+    assert!(
+        camera.data.contains(&8.25),
+        "the camera is a quarter metre behind the scanner"
+    );
+
+    let [scene_0, scene_6] = set.samples(Role::Test).unwrap().try_into().unwrap();
+    assert!(scene_0.depth_occ.is_none() && scene_6.depth_occ.is_some());
+    let original = std::fs::read(world.path("stereo/training/image_3/000006_10.png")).unwrap();
+    assert!(
+        std::fs::read(set.path(scene_6.right_full.as_ref().unwrap())).unwrap() == original,
+        "untouched"
+    );
+    let (depth, header) = exr::read_depth(&set.path(scene_6.depth_noc.as_ref().unwrap())).unwrap();
+    assert_eq!(
+        (header.baseline_m, header.focal_px, header.axis.as_str()),
+        (0.54, 36.0, "camera-z")
+    );
+    let back: Vec<u16> = depth
+        .data
+        .iter()
+        .map(|d| {
+            if *d > 0.0 {
+                (256.0 * 36.0 * 0.54 / f64::from(*d)).round() as u16
+            } else {
+                0
+            }
+        })
+        .collect();
+    assert_eq!(
+        back,
+        disparity(),
+        "a reader recovers every disparity exactly"
+    );
+}
+
+#[test]
+fn the_eigen_set_tests_on_scans() {
+    let world = World::new();
+    let outcome = world.eigen("out", &["--allow-missing", "--train-depth"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let set = world.open("out");
+    // Published order, not frame order.
+    assert_eq!(
+        ids(&set, Role::Test),
+        [
+            "2011_09_26_drive_0002/0000000003",
+            "2011_09_26_drive_0002/0000000000"
+        ]
+    );
+    for sample in set.samples(Role::Test).unwrap() {
+        assert!(sample.left_full.is_some() && sample.right_full.is_none());
+        assert!(sample.depth_velodyne.is_some() && sample.depth_camera.is_some());
+    }
+    assert!(
+        set.samples(Role::Train).unwrap()[0]
+            .depth_velodyne
+            .is_some(),
+        "asked for with --train-depth"
+    );
+}
+
+#[test]
+fn the_result_depends_neither_on_threads_nor_on_a_second_run() {
+    let world = World::new();
+    assert_eq!(
+        world.kitti("one", &["--allow-missing", "--jobs", "1"]).code,
+        0
+    );
+    assert_eq!(
+        world
+            .kitti("four", &["--allow-missing", "--jobs", "4"])
+            .code,
+        0
+    );
+    assert_same_tree(&world.path("one"), &world.path("four"));
+
+    let again = world.kitti("one", &["--allow-missing"]);
+    assert_eq!(again.code, 0);
+    assert_has(&again.stdout, &["0 files written"]);
+    assert_same_tree(&world.path("one"), &world.path("four"));
+}
+
+#[test]
+fn a_second_run_finishes_an_interrupted_one_and_mends_changed_files() {
+    let world = World::new();
+    assert_eq!(world.eigen("whole", &["--allow-missing"]).code, 0);
+    assert_eq!(world.eigen("out", &["--allow-missing"]).code, 0);
+    world.write(
+        "out/images/2011_09_26_drive_0001/left/0000000004.png",
+        b"scratched",
+    );
+    let mended = world.eigen("out", &["--allow-missing"]);
+    assert_has(&mended.stdout, &["1 files written"]);
+    assert_same_tree(&world.path("whole"), &world.path("out"));
+
+    for lost in [
+        "manifest.yaml",
+        "images/2011_09_26_drive_0002/right/0000000000.png",
+        "depth/camera/2011_09_26_drive_0001/0000000005.exr",
+    ] {
+        world.remove(&format!("out/{lost}"));
+    }
+    assert_eq!(world.eigen("out", &["--allow-missing"]).code, 0);
+    assert_same_tree(&world.path("whole"), &world.path("out"));
+}
+
+#[test]
+fn broken_inputs_are_named_and_the_rest_is_kept() {
+    let world = World::new();
+    assert_eq!(world.eigen("whole", &["--allow-missing"]).code, 0);
+    let image = format!("raw/{DRIVE_1}/image_03/data/0000000004.png");
+    let scan = format!("raw/{DRIVE_2}/velodyne_points/data/0000000003.bin");
+    let (good_image, good_scan) = (world.truncate(&image), world.truncate(&scan));
+
+    let outcome = world.eigen("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 1);
+    assert_has(
+        &outcome.stdout,
+        &["train 0 of 23158 pairs, val 1 of 330, test 1 of 697"],
+    );
+    assert_has(
+        &outcome.stderr,
+        &[
+            "train 2011_09_26_drive_0001/0000000004 skipped: ",
+            "0000000004.png is not a usable image: it is truncated",
+            "0000000003.bin: a Velodyne scan is rows",
+            "2 input files could not be used",
+        ],
+    );
+    let failures = std::fs::read_to_string(world.path("out/failures.csv")).unwrap();
+    assert_has(
+        &failures,
+        &[
+            "role,id,file,problem",
+            "image_03/data/0000000004.png",
+            "0000000003.bin",
+        ],
+    );
+    assert_eq!(failures.lines().count(), 3);
+    let set = world.open("out");
+    assert_eq!(set.manifest.failures, 2);
+    assert_eq!(ids(&set, Role::Test), ["2011_09_26_drive_0002/0000000000"]);
+
+    world.write(&image, &good_image);
+    world.write(&scan, &good_scan);
+    assert_eq!(world.eigen("out", &["--allow-missing"]).code, 0);
+    assert_same_tree(&world.path("whole"), &world.path("out"));
+}
+
+#[test]
+fn a_validation_pair_outlives_its_broken_scan() {
+    let world = World::new();
+    world.write(
+        &format!("raw/{DRIVE_1}/velodyne_points/data/0000000005.bin"),
+        b"",
+    );
+    let outcome = world.eigen("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 1);
+    assert_has(
+        &outcome.stderr,
+        &["0000000005.bin: the Velodyne scan is empty"],
+    );
+    let val = world.open("out").samples(Role::Val).unwrap();
+    assert!(val[0].depth_velodyne.is_none() && val[0].depth_camera.is_none());
+}
+
+#[test]
+fn sizes_that_contradict_each_other_are_failures() {
+    let world = World::new();
+    let small = image_files::encode_png_rgb(&RgbImage::new(60, 20));
+    world.write(
+        &format!("raw/{DRIVE_1}/image_03/data/0000000004.png"),
+        &small,
+    );
+    world.write(
+        "stereo/training/disp_noc_0/000006_10.png",
+        &image_files::encode_png_gray16(4, 3, &[9; 12]),
+    );
+    world.write(
+        "stereo/training/disp_noc_0/000000_10.png",
+        &image_files::encode_png_gray8(62, 20, &[9; 1240]),
+    );
+    let outcome = world.kitti("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 1);
+    assert_has(
+        &outcome.stderr,
+        &[
+            "is 60x20, but its left image is 62x20",
+            "000006_10.png is 4x3, but its left image is 62x20",
+            "16-bit grey",
+        ],
+    );
+}
+
+#[test]
+fn scenes_without_calibration_go_by_their_size() {
+    let world = World::new();
+    world.remove("stereo/training/calib_cam_to_cam/000006.txt");
+    let outcome = world.kitti("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 1);
+    assert_has(
+        &outcome.stderr,
+        &["is 62x20, which is no KITTI size, and has no calibration"],
+    );
+    assert_eq!(ids(&world.open("out"), Role::Test), ["kitti2015/000000"]);
+}
+
+#[test]
+fn labels_are_passed_through() {
+    let world = World::new();
+    let labels = image_files::encode_png_gray8(WIDTH, HEIGHT, &[26; 1240]);
+    let instances = image_files::encode_png_gray16(WIDTH, HEIGHT, &[26 * 256 + 1; 1240]);
+    world.write("labels/training/semantic/000006_10.png", &labels);
+    world.write("labels/training/instance/000006_10.png", &instances);
+    let folder = world.path("labels").display().to_string();
+    let outcome = world.kitti("out", &["--allow-missing", "--semantics", &folder]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_has(
+        &outcome.stderr,
+        &["199 of 200 label images (semantic) missing"],
+    );
+    let set = world.open("out");
+    let [without, with] = set.samples(Role::Test).unwrap().try_into().unwrap();
+    assert!(without.semantic.is_none());
+    assert!(std::fs::read(set.path(with.semantic.as_ref().unwrap())).unwrap() == labels);
+    assert!(std::fs::read(set.path(with.instance.as_ref().unwrap())).unwrap() == instances);
+}
+
+#[test]
+fn jpeg_and_folders_without_sync_are_taken_and_png_wins() {
+    let world = World::new();
+    std::fs::rename(
+        world.path(&format!("raw/{DRIVE_1}")),
+        world.path("raw/2011_09_26/2011_09_26_drive_0001"),
+    )
+    .unwrap();
+    let jpeg = image_files::encode_jpeg_rgb(&picture(1), 92);
+    for side in [2, 3] {
+        // Frame 3 as JPEG alone, frame 0 as both.
+        world.remove(&format!("raw/{DRIVE_2}/image_0{side}/data/0000000003.png"));
+        for frame in [0, 3] {
+            world.write(
+                &format!("raw/{DRIVE_2}/image_0{side}/data/{frame:010}.jpg"),
+                &jpeg,
+            );
+        }
+    }
+    let outcome = world.eigen("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let set = world.open("out");
+    assert_eq!(ids(&set, Role::Train), ["2011_09_26_drive_0001/0000000004"]);
+    let [frame_3, frame_0] = set.samples(Role::Test).unwrap().try_into().unwrap();
+    let full = frame_3.left_full.unwrap();
+    assert!(
+        full.path.ends_with("0000000003.jpg") && std::fs::read(set.path(&full)).unwrap() == jpeg
+    );
+    assert!(frame_0.left_full.unwrap().path.ends_with("0000000000.png"));
+    let expected = resize::rgb(&picture(2), 32, 16, Kernel::Area);
+    assert_eq!(
+        image_files::read_rgb(&set.path(&frame_0.left)).unwrap(),
+        expected
+    );
+}
+
+#[test]
+fn without_scan_calibration_images_still_go_in() {
+    let world = World::new();
+    world.remove("raw/2011_09_26/calib_velo_to_cam.txt");
+    let outcome = world.eigen("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_has(
+        &outcome.stderr,
+        &[
+            "no scan of 2011_09_26 can be used: ",
+            "calib_velo_to_cam.txt is missing",
+        ],
+    );
+    assert_has(
+        &outcome.stdout,
+        &["train 1 of 23158 pairs, val 1 of 330, test 0 of 697"],
+    );
+    assert!(
+        world.open("out").samples(Role::Val).unwrap()[0]
+            .depth_velodyne
+            .is_none()
+    );
+
+    world.write(
+        "raw/2011_09_26/calib_cam_to_cam.txt",
+        CAM.replace("P_rect_02: 36", "P_rect_02: x").as_bytes(),
+    );
+    let outcome = world.eigen("none", &["--allow-missing"]);
+    assert_eq!(outcome.code, 1);
+    assert_has(
+        &outcome.stderr,
+        &[
+            "nothing of the eigen split is there",
+            "calib_cam_to_cam.txt: line 5: `P_rect_02` should have 12 finite numbers",
+        ],
+    );
+}
+
+#[test]
+fn a_rendered_world_is_called_rendered() {
+    let world = World::new();
+    world.write("raw/RENDERED", b"");
+    assert_eq!(world.eigen("out", &["--allow-missing", "--quiet"]).code, 0);
+    assert_eq!(world.open("out").manifest.source, "rendered");
+}
+
+#[test]
+fn folders_that_hold_something_else_are_refused() {
+    let world = World::new();
+    assert_eq!(world.kitti("out", &["--allow-missing"]).code, 0);
+    let before = tree(&world.path("out"));
+    for (outcome, parts) in [
+        (
+            world.eigen("out", &["--allow-missing"]),
+            &["holds the kitti split", "leak"][..],
+        ),
+        (
+            world.kitti(
+                "out",
+                &["--allow-missing", "--width", "64", "--height", "16"],
+            ),
+            &["32x16", "64x16"],
+        ),
+        (
+            world.kitti("out", &["--allow-missing", "--kernel", "lanczos3"]),
+            &["`area`", "`lanczos3`"],
+        ),
+        (
+            world.kitti("stereo", &["--allow-missing"]),
+            &["inside the input folder"],
+        ),
+        (
+            world.kitti("raw/new", &["--allow-missing"]),
+            &["inside the input folder"],
+        ),
+        (
+            world.kitti("raw/2011_09_26/calib_cam_to_cam.txt", &["--allow-missing"]),
+            &["inside the input folder"],
+        ),
+    ] {
+        assert_eq!(outcome.code, 2, "{}", outcome.stderr);
+        assert_has(&outcome.stderr, parts);
+    }
+    assert!(tree(&world.path("out")) == before);
+
+    world.write("full/letter.txt", b"dear");
+    let outcome = world.kitti("full", &["--allow-missing"]);
+    assert_eq!(outcome.code, 2);
+    assert_has(&outcome.stderr, &["holds other things"]);
+    let outcome = world.kitti("full/letter.txt", &["--allow-missing"]);
+    assert_eq!(outcome.code, 2);
+    assert_has(&outcome.stderr, &["this is a file"]);
+}
+
+#[test]
+fn wrong_input_folders_are_explained() {
+    let world = World::new();
+    world.write("archives/2011_09_26_drive_0001_sync.zip", b"PK");
+    world.write("other/notes.txt", b"");
+    std::fs::create_dir(world.path("empty")).unwrap();
+    let raw = |name: &str| {
+        let (raw, out) = (
+            world.path(name).display().to_string(),
+            world.path("out").display().to_string(),
+        );
+        prep(&["eigen", "--raw", &raw, "--out", &out])
+    };
+    let right = format!(
+        "Give the folder above it: --raw {}",
+        world.path("raw").display()
+    );
+    let two_up = format!(
+        "Give the folder two above it: --raw {}",
+        world.path("raw").display()
+    );
+    let deeper = format!("one folder deeper: --raw {}", world.path("raw").display());
+    for (name, parts) in [
+        ("nowhere", &["there is no such folder"][..]),
+        ("raw/RENDERED", &["there is no such folder"]),
+        ("raw/2011_09_26/calib_cam_to_cam.txt", &["this is a file"]),
+        ("empty", &["the folder is empty", "looked for"]),
+        ("raw/2011_09_26", &["one recording day", &right]),
+        (&format!("raw/{DRIVE_1}"), &["one drive", &two_up]),
+        ("", &[&deeper]),
+        ("stereo", &["--stereo2015"]),
+        ("archives", &["unpack"]),
+        ("other", &["none of the five days"]),
+    ] {
+        let outcome = raw(name);
+        assert_eq!(outcome.code, 2, "{name}: {}", outcome.stderr);
+        assert_has(&outcome.stderr, &["error: --raw "]);
+        assert_has(&outcome.stderr, parts);
+    }
+    for (name, part) in [
+        ("nowhere", "there is no such folder"),
+        ("empty", "the folder is empty"),
+        ("stereo/training", "Give the folder above it"),
+        (
+            "raw",
+            "looked for training/image_2, training/image_3, training/disp_noc_0",
+        ),
+    ] {
+        let stereo = world.path(name).display().to_string();
+        let outcome = world.run("kitti", &["--stereo2015", &stereo], "out", &[]);
+        assert_eq!(outcome.code, 2, "{name}");
+        assert_has(&outcome.stderr, &["error: --stereo2015 ", part]);
+    }
+    std::fs::remove_dir_all(world.path("stereo/training/image_3")).unwrap();
+    assert_has(
+        &world.kitti("out", &[]).stderr,
+        &["training/image_3 is not there"],
+    );
+    assert!(!world.path("out").exists());
+}
+
+#[test]
+fn usage() {
+    let help = prep(&["--help"]);
+    assert_eq!(help.code, 0);
+    assert_has(&help.stdout, &["prep kitti --raw", "Exit codes"]);
+    assert_eq!(prep(&["--version"]).code, 0);
+    for wrong in [
+        &["kitti"][..],
+        &["nothing"],
+        &[],
+        &["splits", "nyu"],
+        &["splits", "kitti", "--list", "all"],
+    ] {
+        assert_eq!(prep(wrong).code, 2, "{wrong:?}");
+    }
+    let world = World::new();
+    for wrong in [["--jobs", "0"], ["--width", "0"], ["--kernel", "cubic"]] {
+        assert_eq!(world.eigen("out", &wrong).code, 2, "{wrong:?}");
+    }
+}
+
+#[test]
+fn splits_are_shown_beside_the_thesis() {
+    let kitti = prep(&["splits", "kitti"]);
+    assert_eq!(kitti.code, 0);
+    assert_has(
+        &kitti.stdout,
+        &[
+            "training drives                 32       33  differs",
+            "train                        29839    29829  differs",
+            "test images                    200      200\n",
+        ],
+    );
+    assert_has(
+        &prep(&["splits", "eigen"]).stdout,
+        &["train                        23158    23168  differs"],
+    );
+    let listed = prep(&["splits", "eigen", "--list", "test"]).stdout;
+    assert_eq!(listed.lines().count(), 697);
+    assert_eq!(
+        listed.lines().next(),
+        Some("2011_09_26_drive_0002/0000000069")
+    );
+    assert_eq!(
+        prep(&["splits", "kitti", "--list", "val"])
+            .stdout
+            .lines()
+            .count(),
+        320
+    );
+}

@@ -1,0 +1,19 @@
+//! What is in the KITTI and Eigen splits: drives, frames, roles, validation draw, digest.
+//!
+//! Both splits are lists of complete drives of KITTI raw (PROTOCOL 2.1); training and
+//! validation follow from the drive table, the test sets are the 200 KITTI stereo 2015
+//! training scenes (`kitti`) and the 697 frames of Eigen et al. (`eigen`). The data files
+//! lie in `splits/data` and are compiled in; their README states their origin.
+//!
+//! This crate does no I/O and knows nothing about folders, images or calibration.
+
+mod frame;
+mod split;
+mod table;
+
+pub use frame::{Date, DriveId, FrameId, ParseIdError};
+pub use split::{
+    Counts, ParseSplitError, Role, Split, VALIDATION_PER_DRIVE, counts, digest, kitti2015_id,
+    test_ids, training, validation,
+};
+pub use table::{Category, Drive, DriveRole, drives, eigen_test, kitti2015_origin};

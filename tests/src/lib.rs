@@ -1,0 +1,11 @@
+//! What the workspace's own tests and the demo share: the steps of the demo.
+//!
+//! Each step is one of the three commands with the arguments a user would type,
+//! so that what the demo does can be repeated by hand line by line. Nothing here
+//! computes a figure itself.
+#![allow(
+    clippy::print_stdout,
+    reason = "the demo's results are meant for the terminal"
+)]
+
+pub mod steps;

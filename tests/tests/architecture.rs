@@ -1,0 +1,119 @@
+//! Holds the dependency rules of ARCHITECTURE.md against `cargo metadata`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
+
+/// Normal and build dependencies of every workspace member, by package name.
+fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
+    let output = Command::new(env!("CARGO"))
+        .args([
+            "metadata",
+            "--format-version",
+            "1",
+            "--no-deps",
+            "--offline",
+            "--manifest-path",
+            concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"),
+        ])
+        .output()
+        .expect("cargo runs");
+    assert!(
+        output.status.success(),
+        "cargo metadata: {}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let packages = metadata["packages"].as_array().expect("packages");
+    packages
+        .iter()
+        .map(|package| {
+            let uses = package["dependencies"]
+                .as_array()
+                .expect("dependencies")
+                .iter()
+                .filter(|d| d["kind"].as_str() != Some("dev"))
+                .map(|d| d["name"].as_str().expect("name").to_owned())
+                .collect();
+            (package["name"].as_str().expect("name").to_owned(), uses)
+        })
+        .collect()
+}
+
+#[test]
+fn crates_use_only_what_the_architecture_allows() {
+    let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
+        ("strat-splits", &[][..]),
+        ("strat-geometry", &[]),
+        ("strat-store", &["strat-splits"]),
+        ("strat-onnx", &[]),
+        ("strat-metrics", &[]),
+        (
+            "strat-prep",
+            &["strat-splits", "strat-geometry", "strat-store"],
+        ),
+        (
+            "strat-train",
+            &[
+                "strat-splits",
+                "strat-geometry",
+                "strat-store",
+                "strat-onnx",
+                "strat-metrics",
+            ],
+        ),
+        (
+            "strat-bench",
+            &[
+                "strat-splits",
+                "strat-geometry",
+                "strat-store",
+                "strat-onnx",
+                "strat-metrics",
+            ],
+        ),
+    ]);
+    let all = dependencies();
+    for (name, uses) in &all {
+        let Some(allowed) = allowed.get(name.as_str()) else {
+            assert_eq!(name, "strat-tests", "a crate without a rule: {name}");
+            continue;
+        };
+        for used in uses.iter().filter(|used| used.starts_with("strat-")) {
+            assert!(
+                allowed.contains(&used.as_str()),
+                "{name} must not depend on {used}"
+            );
+        }
+    }
+    assert_eq!(all.len(), allowed.len() + 1, "every rule has its crate");
+}
+
+#[test]
+fn heavy_libraries_stay_in_their_crate() {
+    for (library, home) in [
+        ("burn", "strat-train"),
+        ("ort", "strat-bench"),
+        ("rten", "strat-onnx"),
+        ("exr", "strat-store"),
+    ] {
+        let users: Vec<String> = dependencies()
+            .into_iter()
+            .filter(|(_, uses)| uses.contains(library))
+            .map(|(name, _)| name)
+            .collect();
+        assert_eq!(users, [home], "only {home} knows {library}");
+    }
+}
+
+#[test]
+fn pure_crates_do_no_input_or_output() {
+    let all = dependencies();
+    for pure in ["strat-geometry", "strat-metrics", "strat-splits"] {
+        for library in ["fs-err", "image", "rayon", "tempfile", "indicatif"] {
+            assert!(
+                !all[pure].contains(library),
+                "{pure} is pure and must not use {library}"
+            );
+        }
+    }
+}

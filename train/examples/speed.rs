@@ -1,0 +1,207 @@
+//! Times the layers that dominate a training step on the CPU, and whole steps.
+//!
+//! `cargo run -p strat-train --example speed [-- steps]`. Prints the best of several runs in
+//! milliseconds: forward, and forward with backward. Measure on a quiet machine.
+#![allow(clippy::print_stdout, reason = "printing is what this program is for")]
+
+use std::time::Instant;
+
+use burn::module::Module;
+use burn::optim::{AdamConfig, GradientsParams};
+use burn::tensor::{Device, Distribution, Tensor};
+use strat_train::discriminator::{ColourFactors, DiscriminatorConfig, Patches};
+use strat_train::generator::GeneratorConfig;
+use strat_train::layers::{
+    Convolution, Initializer, InstanceNorm, Ops, TensorOps, TransposedConvolution, Width, elu,
+};
+use strat_train::losses::{
+    Weights, discriminator_adversarial, dssim, generator_adversarial, stereo_losses, synthesize,
+};
+use strat_train::sampler::sample_horizontal;
+
+const RUNS: usize = 4;
+
+fn best(mut work: impl FnMut()) -> f64 {
+    (0..RUNS)
+        .map(|_| {
+            let start = Instant::now();
+            work();
+            start.elapsed().as_secs_f64() * 1e3
+        })
+        .fold(f64::INFINITY, f64::min)
+}
+
+fn noise(shape: [usize; 4], device: &Device) -> Tensor<4> {
+    Tensor::random(shape, Distribution::Uniform(0.0, 1.0), device)
+}
+
+/// Forward without autodiff, then forward and backward with it.
+fn layer(name: &str, shape: [usize; 4], forward: impl Fn(&Device, Tensor<4>) -> Tensor<4>) {
+    let plain = Device::flex();
+    let x = noise(shape, &plain);
+    let alone = best(|| {
+        let _result = forward(&plain, x.clone());
+    });
+    let device = Device::flex().autodiff();
+    let tracked = noise(shape, &device).require_grad();
+    let both = best(|| {
+        let _gradients = forward(&device, tracked.clone()).sum().backward();
+    });
+    println!("{name:<44} {alone:>9.1} {both:>9.1}");
+}
+
+fn convolution(
+    channels: [usize; 2],
+    kernel: usize,
+    stride: usize,
+    padding: usize,
+    shape: [usize; 4],
+) {
+    let name = format!(
+        "conv {kernel}x{kernel}/{stride} {}->{} {}x{}x{}",
+        channels[0], channels[1], shape[0], shape[2], shape[3]
+    );
+    let build = |device: &Device| {
+        let init = Initializer::new(0, device);
+        Convolution::with_padding(&init, "layer", channels, kernel, stride, padding)
+    };
+    let (plain, trained) = (build(&Device::flex()), build(&Device::flex().autodiff()));
+    layer(&name, shape, |device, x| {
+        if device.is_autodiff() {
+            trained.forward(x)
+        } else {
+            plain.forward(x)
+        }
+    });
+}
+
+fn layers() {
+    println!(
+        "{:<44} {:>9} {:>9}",
+        "layer, best of runs in ms", "forward", "both"
+    );
+    convolution([18, 16], 3, 1, 1, [4, 18, 128, 256]);
+    convolution([64, 64], 3, 1, 1, [4, 64, 32, 64]);
+    convolution([66, 32], 3, 1, 1, [4, 66, 64, 128]);
+    convolution([64, 64], 3, 2, 1, [4, 64, 64, 128]);
+    convolution([3, 64], 7, 2, 3, [4, 3, 128, 256]);
+    convolution([64, 256], 1, 1, 0, [4, 64, 32, 64]);
+    convolution([16, 2], 3, 1, 1, [4, 16, 128, 256]);
+    convolution([64, 128], 4, 2, 1, [4, 64, 64, 64]);
+    let build = |device: &Device| {
+        TransposedConvolution::new(&Initializer::new(0, device), "layer", [32, 16])
+    };
+    let (plain, trained) = (build(&Device::flex()), build(&Device::flex().autodiff()));
+    layer(
+        "transposed conv 32->16 4x64x128",
+        [4, 32, 64, 128],
+        |device, x| {
+            if device.is_autodiff() {
+                trained.forward(x)
+            } else {
+                plain.forward(x)
+            }
+        },
+    );
+    layer("elu 4x64x64x128", [4, 64, 64, 128], |_, x| elu(x - 0.5));
+    layer("max pool 4x64x64x128", [4, 64, 64, 128], |_, x| {
+        TensorOps.max_pool(x)
+    });
+    layer("upsample 4x64x64x128", [4, 64, 64, 128], |_, x| {
+        TensorOps.upsample(x)
+    });
+    layer("instance norm 4x64x64x64", [4, 64, 64, 64], |device, x| {
+        InstanceNorm::new(&Initializer::new(0, device), 64).forward(x)
+    });
+    layer(
+        "sampler of an image 4x128x256",
+        [4, 1, 128, 256],
+        |device, x| sample_horizontal(noise([4, 3, 128, 256], device), x * 0.1),
+    );
+    layer(
+        "sampler of a disparity 4x128x256",
+        [4, 1, 128, 256],
+        |_, x| sample_horizontal(x.clone(), x * 0.1),
+    );
+    layer("dssim 4x3x128x256", [4, 3, 128, 256], |device, x| {
+        dssim(x, noise([4, 3, 128, 256], device))
+    });
+}
+
+/// One full step: generator, losses at four scales, discriminator step, generator step.
+fn step(width: Width, [height, columns]: [usize; 2], batch: usize, steps: usize) {
+    let device = Device::flex().autodiff();
+    let mut generator = GeneratorConfig {
+        width,
+        ..GeneratorConfig::default()
+    }
+    .init(1, &device);
+    let mut critic = DiscriminatorConfig { width }.init(2, &device);
+    let mut generator_optimizer = AdamConfig::new().init();
+    let mut critic_optimizer = AdamConfig::new().init();
+    let left = noise([batch, 3, height, columns], &device);
+    let right = noise([batch, 3, height, columns], &device);
+    let patches = Patches {
+        size: height,
+        rows: vec![0; batch],
+        columns: vec![0; batch],
+    };
+    let factors = ColourFactors(vec![[1.0; 3]; batch]);
+    let cut = |image: Tensor<4>| patches.cut(image, &factors);
+    let mut parts = [f64::INFINITY; 5];
+    for number in 0..steps as u64 {
+        let mut times = [0.0; 5];
+        let mut clock = Instant::now();
+        let mut lap = |index: usize| {
+            times[index] = clock.elapsed().as_secs_f64() * 1e3;
+            clock = Instant::now();
+        };
+        let levels = generator.forward(left.clone());
+        lap(0);
+        let terms = stereo_losses(left.clone(), right.clone(), &levels, &Weights::STRAT);
+        let (fake_right, fake_left) =
+            synthesize(left.clone(), right.clone(), levels[0].clone(), 0.5);
+        lap(1);
+        let judge =
+            |image: Tensor<4>, salt: u64| critic.forward_seeded(cut(image), number * 8 + salt);
+        let loss = discriminator_adversarial(
+            judge(right.clone(), 0),
+            judge(fake_right.clone().detach(), 1),
+        ) + discriminator_adversarial(
+            judge(left.clone(), 2),
+            judge(fake_left.clone().detach(), 3),
+        );
+        let gradients = GradientsParams::from_grads(loss.backward(), &critic);
+        critic = critic_optimizer.step(1e-4, critic, gradients);
+        lap(2);
+        let frozen = critic.clone().no_grad();
+        let judged = |image, salt| {
+            generator_adversarial(frozen.forward_seeded(cut(image), number * 8 + salt))
+        };
+        let loss = terms.total + (judged(fake_right, 4) + judged(fake_left, 5)) * 0.01;
+        let gradients = loss.backward();
+        lap(3);
+        let gradients = GradientsParams::from_grads(gradients, &generator);
+        generator = generator_optimizer.step(1e-4, generator, gradients);
+        lap(4);
+        for (part, time) in parts.iter_mut().zip(times) {
+            *part = part.min(time);
+        }
+    }
+    let total: f64 = parts.iter().sum();
+    println!(
+        "step width {width} {columns}x{height} batch {batch}: {total:.0} ms \
+         (forward {:.0}, losses {:.0}, discriminator {:.0}, backward {:.0}, optimizer {:.0})",
+        parts[0], parts[1], parts[2], parts[3], parts[4]
+    );
+}
+
+fn main() {
+    let quarter: Width = "1/4".parse().unwrap_or_default();
+    if std::env::args().nth(1).as_deref() != Some("steps") {
+        layers();
+    }
+    step(quarter, [64, 128], 8, 4);
+    step(quarter, [128, 256], 4, 3);
+    step(quarter, [128, 256], 8, 3);
+}

@@ -1,0 +1,200 @@
+//! The command as it is typed: messages and exit codes.
+
+mod prepared;
+
+use assert_cmd::Command;
+
+/// Runs `train` with words split at spaces; exit code, stdout, stderr.
+fn train(line: &str) -> (i32, String, String) {
+    let output = Command::cargo_bin("train")
+        .unwrap()
+        .args(line.split_whitespace())
+        .output()
+        .unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    (
+        output.status.code().unwrap(),
+        text(output.stdout),
+        text(output.stderr),
+    )
+}
+
+#[test]
+fn help_shows_examples_and_version_is_told() {
+    let (code, out, _) = train("--help");
+    assert_eq!(code, 0);
+    assert!(out.contains("Examples:") && out.contains("Exit codes"));
+    let (code, out, _) = train("--version");
+    assert_eq!(code, 0);
+    assert!(out.starts_with("train "));
+}
+
+#[test]
+fn the_resolved_configuration_is_printed_and_reads_back() {
+    let (code, out, _) = train("--config eigen-fixed --preset half --set epochs=7 --print-config");
+    assert_eq!(code, 0);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mine.yaml");
+    std::fs::write(&path, &out).unwrap();
+    let (code, again, _) = train(&format!("--config {} --print-config", path.display()));
+    assert_eq!(code, 0);
+    assert_eq!(out, again);
+    assert!(out.contains("epochs: 7") && out.contains("variant: fixed"));
+}
+
+#[test]
+fn devices_and_configurations_are_listed_on_stdout() {
+    let (code, out, _) = train("devices");
+    assert_eq!(code, 0);
+    assert!(out.starts_with("cpu"));
+    let (code, out, _) = train("configs");
+    assert_eq!(code, 0);
+    assert_eq!(out.lines().count(), 10);
+    assert!(out.contains("kitti-monodepth"));
+}
+
+#[test]
+fn wrong_usage_is_code_2_with_a_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path().display();
+    for (line, part) in [
+        (String::new(), "--config"),
+        ("--config nowhere --print-config".into(), "nowhere"),
+        ("--config demo --preset huge --print-config".into(), "huge"),
+        (
+            "--config demo --set epoch=1 --print-config".into(),
+            "`epoch`",
+        ),
+        ("--config demo".into(), "--data"),
+        (format!("--config demo --data {here}"), "--out"),
+        (
+            format!("--config demo --data {here}/none --out {here}/run"),
+            "no folder",
+        ),
+        (
+            format!("--config demo --data {here} --out {here}/run --device gpu"),
+            "unknown device",
+        ),
+        (
+            format!("--resume --data {here} --out {here}/run"),
+            "nothing can be resumed",
+        ),
+        ("--nonsense".into(), "--nonsense"),
+    ] {
+        let (code, out, error) = train(&line);
+        assert_eq!(code, 2, "{line}: {error}");
+        assert!(error.contains(part), "{line}: {error}");
+        assert!(out.is_empty());
+    }
+}
+
+#[test]
+fn an_unknown_key_in_a_file_is_named_with_its_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bad.yaml");
+    std::fs::write(&path, "split: kitti\nepoch: 3\n").unwrap();
+    let (code, _, error) = train(&format!("--config {} --print-config", path.display()));
+    assert_eq!(code, 2);
+    assert!(
+        error.contains("epoch") && error.contains("line 2"),
+        "{error}"
+    );
+}
+
+#[test]
+fn what_is_wrong_with_the_data_is_code_1_with_a_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let set = folder.path().join("set");
+    prepared::write(&set, 0, 0);
+    let other = folder.path().join("other");
+    std::fs::create_dir(&other).unwrap();
+    std::fs::write(other.join("letter.txt"), "dear").unwrap();
+    for (line, part) in [
+        // A folder that is no set.
+        (
+            format!(
+                "--config kitti-strat --data {0} --out {0}/run",
+                other.display()
+            ),
+            "manifest",
+        ),
+        // The other split.
+        (
+            format!(
+                "--config eigen-strat --data {} --out {}/run1",
+                set.display(),
+                folder.path().display()
+            ),
+            "is of the kitti split",
+        ),
+        // No training pairs.
+        (
+            format!(
+                "--config kitti-strat --data {} --out {}/run2",
+                set.display(),
+                folder.path().display()
+            ),
+            "no train pairs",
+        ),
+        // A run folder with something else in it.
+        (
+            format!(
+                "--config kitti-strat --data {} --out {}",
+                set.display(),
+                other.display()
+            ),
+            "not a training run",
+        ),
+        (
+            format!("export --run {}", other.display()),
+            "no training run",
+        ),
+    ] {
+        let (code, out, error) = train(&line);
+        assert_eq!(code, 1, "{line}: {error}");
+        assert!(error.contains(part), "{line}: {error}");
+        assert!(out.is_empty());
+    }
+    assert!(other.join("letter.txt").exists());
+}
+
+#[test]
+fn a_short_run_is_trained_resumed_and_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let (set, run) = (folder.path().join("set"), folder.path().join("run"));
+    prepared::write(&set, 4, 1);
+    let places = format!("--data {} --out {}", set.display(), run.display());
+    let (code, out, error) = train(&format!(
+        "--config kitti-strat --preset tiny --set network.width=1/32 \
+         --set discriminator.width=1/16 --set epochs=2 --max-steps 1 {places}"
+    ));
+    assert_eq!(code, 0, "{error}");
+    assert_eq!(out.trim(), run.join("model.onnx").display().to_string());
+    assert!(
+        error.contains("training") && error.contains("epoch 1/2"),
+        "{error}"
+    );
+    for file in [
+        "config.yaml",
+        "run.json",
+        "scalars.csv",
+        "validation.csv",
+        "model.onnx",
+    ] {
+        assert!(run.join(file).is_file(), "{file}");
+    }
+    let (code, _, error) = train(&format!("--resume --quiet {places}"));
+    assert_eq!(code, 0, "{error}");
+    assert!(error.is_empty(), "{error}");
+    let scalars = std::fs::read_to_string(run.join("scalars.csv")).unwrap();
+    assert_eq!(scalars.lines().count(), 3);
+    let model = folder.path().join("best.onnx");
+    let (code, out, error) = train(&format!(
+        "export --run {} --best --out {}",
+        run.display(),
+        model.display()
+    ));
+    assert_eq!(code, 0, "{error}");
+    assert_eq!(out.trim(), model.display().to_string());
+    assert!(model.is_file());
+}

@@ -1,0 +1,245 @@
+//! Whole runs on a tiny set: resuming, learning, stopping, damaged files.
+
+mod prepared;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use strat_train::config::{Config, Preset};
+use strat_train::device::DeviceChoice;
+use strat_train::run::{Options, Outcome, export_run, run};
+
+const SMALL: [&str; 6] = [
+    "network.width=1/32",
+    "discriminator.width=1/16",
+    "epochs=3",
+    "batch=2",
+    "pictures.every=0",
+    "learning_rate=0.001",
+];
+
+fn options(root: &Path, out: &str, settings: &[&str]) -> Options {
+    let settings: Vec<String> = SMALL
+        .iter()
+        .chain(settings)
+        .map(|setting| (*setting).to_owned())
+        .collect();
+    Options {
+        config: Config::resolve("kitti-strat", Some(Preset::Tiny), &settings).unwrap(),
+        data: root.join("set"),
+        out: root.join(out),
+        device: DeviceChoice::Cpu,
+        resume: false,
+        force: false,
+        quiet: true,
+        stop: Arc::new(AtomicBool::new(false)),
+    }
+}
+
+fn set() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    prepared::write(&folder.path().join("set"), 7, 3);
+    folder
+}
+
+fn bytes(folder: &Path, name: &str) -> Vec<u8> {
+    std::fs::read(folder.join(name)).unwrap()
+}
+
+fn go(options: &Options) -> Outcome {
+    run(options).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Everything a run computes: the weights (in the model) and every number of every step.
+fn assert_same_run(a: &Path, b: &Path) {
+    for name in ["scalars.csv", "validation.csv"] {
+        assert_eq!(
+            String::from_utf8(bytes(a, name)).unwrap(),
+            String::from_utf8(bytes(b, name)).unwrap()
+        );
+    }
+    assert!(bytes(a, "model.onnx") == bytes(b, "model.onnx"));
+}
+
+#[test]
+fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
+    let folder = set();
+    for (name, settings) in [
+        ("strat", &[][..]),
+        ("random", &["variant=random", "accumulate=2", "batch=1"][..]),
+        ("noadv", &["variant=no-adv"][..]),
+    ] {
+        let whole = options(folder.path(), &format!("{name}-whole"), settings);
+        let outcome = go(&whole);
+        assert_eq!((outcome.steps, outcome.planned), (9, 9));
+
+        // Stopped in the middle of the second epoch, with the prefetched batches thrown away.
+        let mut parts = options(folder.path(), &format!("{name}-parts"), settings);
+        parts.config.max_steps = Some(4);
+        parts.config.workers = 1;
+        assert_eq!(go(&parts).steps, 4);
+        parts.config.max_steps = None;
+        parts.config.workers = 3;
+        parts.resume = true;
+        assert_eq!(go(&parts).steps, 9);
+        assert_same_run(&whole.out, &parts.out);
+    }
+}
+
+#[test]
+fn a_damaged_checkpoint_costs_steps_but_not_the_result() {
+    let folder = set();
+    let whole = options(folder.path(), "whole", &[]);
+    go(&whole);
+    let mut damaged = options(folder.path(), "damaged", &["max_steps=7"]);
+    go(&damaged);
+    let newest = damaged.out.join("checkpoints/step-00000007/generator.bpk");
+    let mut content = std::fs::read(&newest).unwrap();
+    content.truncate(1000);
+    std::fs::write(&newest, content).unwrap();
+    damaged.config.max_steps = None;
+    damaged.resume = true;
+    go(&damaged);
+    assert_same_run(&whole.out, &damaged.out);
+}
+
+#[test]
+fn the_photometric_error_falls_and_the_model_is_exported() {
+    let folder = set();
+    let options = options(
+        folder.path(),
+        "learn",
+        &[
+            "epochs=25",
+            "network.width=1/16",
+            "validation.every=0",
+            "pictures.every=25",
+        ],
+    );
+    let outcome = go(&options);
+    assert_eq!(outcome.model, Some(options.out.join("model.onnx")));
+    assert!(outcome.parity.unwrap() < 1e-4);
+    let scalars = String::from_utf8(bytes(&options.out, "scalars.csv")).unwrap();
+    let stereo: Vec<f64> = scalars
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').nth(5).unwrap().parse().unwrap())
+        .collect();
+    assert_eq!(stereo.len(), 75);
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let (first, last) = (mean(&stereo[..10]), mean(&stereo[65..]));
+    assert!(last < 0.9 * first, "from {first} to {last}");
+    assert_eq!(
+        std::fs::read_dir(options.out.join("pictures"))
+            .unwrap()
+            .count(),
+        3
+    );
+    // The same model comes out of the checkpoint.
+    let (path, _) =
+        export_run(&options.out, Some(&folder.path().join("again.onnx")), false).unwrap();
+    assert_eq!(
+        std::fs::read(path).unwrap(),
+        bytes(&options.out, "model.onnx")
+    );
+}
+
+#[test]
+fn validation_measures_depth_and_names_the_best_checkpoint() {
+    let folder = set();
+    let outcome = go(&options(folder.path(), "validated", &[]));
+    let scores = outcome.scores.unwrap();
+    assert_eq!((scores.images, scores.depth_images), (3, 3));
+    assert!(scores.depth.unwrap().abs_rel.is_finite());
+    let best = outcome.best.unwrap();
+    assert_eq!(best.score, "abs_rel");
+    let kept: PathBuf = folder
+        .path()
+        .join(format!("validated/checkpoints/step-{:08}", best.step));
+    assert!(kept.is_dir());
+}
+
+#[test]
+fn accumulated_gradients_are_averaged() {
+    // One batch of two equals two batches of one. Without a discriminator the terms are means
+    // over samples of equal size, so only rounding differs.
+    let folder = set();
+    let settings = [
+        "variant=no-adv",
+        "epochs=1",
+        "max_steps=1",
+        "validation.every=0",
+    ];
+    let single = options(folder.path(), "single", &settings);
+    let mut two = options(folder.path(), "two", &settings);
+    two.config.batch = 1;
+    two.config.accumulate = 2;
+    go(&single);
+    go(&two);
+    let line = |options: &Options| -> Vec<f64> {
+        let text = String::from_utf8(bytes(&options.out, "scalars.csv")).unwrap();
+        let line = text.lines().nth(1).unwrap().to_owned();
+        line.split(',').map(|cell| cell.parse().unwrap()).collect()
+    };
+    for (a, b) in line(&single).iter().zip(line(&two)) {
+        assert!((a - b).abs() <= 1e-5 * (1.0 + a.abs()), "{a} and {b}");
+    }
+}
+
+#[test]
+fn an_interrupt_leaves_a_checkpoint_and_no_model() {
+    let folder = set();
+    let whole = options(folder.path(), "whole", &[]);
+    go(&whole);
+    let mut stopped = options(folder.path(), "stopped", &[]);
+    stopped.stop = Arc::new(AtomicBool::new(true));
+    let outcome = go(&stopped);
+    assert!(outcome.interrupted && outcome.model.is_none());
+    assert_eq!(outcome.steps, 1);
+    assert!(stopped.out.join("checkpoints/step-00000001").is_dir());
+    stopped.stop = Arc::new(AtomicBool::new(false));
+    stopped.resume = true;
+    go(&stopped);
+    assert_same_run(&whole.out, &stopped.out);
+}
+
+#[test]
+fn a_run_is_neither_overwritten_nor_resumed_with_other_settings() {
+    let folder = set();
+    let mut options = options(
+        folder.path(),
+        "first",
+        &["max_steps=1", "validation.every=0"],
+    );
+    go(&options);
+    let message = |options: &Options| run(options).unwrap_err().to_string();
+    assert!(message(&options).contains("--resume"));
+    options.resume = true;
+    options.config.seed = 9;
+    let text = message(&options);
+    assert!(
+        text.contains("seed: 1") && text.contains("seed: 9"),
+        "{text}"
+    );
+    options.resume = false;
+    options.force = true;
+    assert_eq!(go(&options).steps, 1);
+}
+
+#[test]
+fn a_number_that_is_none_stops_the_run_and_keeps_the_checkpoint() {
+    let folder = set();
+    let mut options = options(
+        folder.path(),
+        "explodes",
+        &["validation.every=0", "variant=no-adv", "epochs=30"],
+    );
+    // A learning rate no configuration may have, to blow the network up.
+    options.config.learning_rate = 1e12;
+    let text = run(&options).unwrap_err().to_string();
+    assert!(
+        text.contains("at step") && text.contains("learning_rate"),
+        "{text}"
+    );
+}
