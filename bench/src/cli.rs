@@ -29,6 +29,7 @@ use strat_store::{
 
 use crate::{
     baseline::{self, MedianDepth},
+    leakage::{self, Leakage},
     model::{Model, PROBE_TOLERANCE},
     pictures,
     predict::{self, Evaluation, Failure, Predictor, Task},
@@ -570,23 +571,24 @@ fn check_model(
     for problem in model.file.info.description.problems.clone() {
         session.warn(format!("model {}: {problem}", model.name));
     }
-    let tested = session.set.manifest.split.to_string();
-    match model
-        .file
-        .info
-        .metadata()
-        .map(|metadata| metadata.split.clone())
-    {
-        Some(Some(trained)) if trained != tested => session.warn(format!(
+    let tested = session.set.manifest.split;
+    match leakage::check(model.file.info.metadata(), tested, &session.samples) {
+        Leakage::None => {}
+        Leakage::Drives { drives, images } => session.warn(format!(
+            "LEAKAGE: model {} was trained on drives that {images} of the {} test images come from \
+             ({}); its figures are no measure of anything new and must not be compared",
+            model.name,
+            session.samples.len(),
+            drives.join(", ")
+        )),
+        Leakage::OtherSplit { trained } => session.warn(format!(
             "LEAKAGE: model {} was trained on the {trained} split and is tested on the {tested} \
              split; drives of its training may be among the test images, so its figures are no \
              measure of anything new and must not be compared",
             model.name
         )),
-        Some(Some(_)) => {}
-        Some(None) | None => session.note(&format!(
-            "note: model {} does not say which split it was trained on, so leakage cannot be \
-             checked",
+        Leakage::Unknown => session.note(&format!(
+            "note: model {} does not say what it was trained on, so leakage cannot be checked",
             model.name
         )),
     }

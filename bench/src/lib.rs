@@ -11,6 +11,7 @@
 
 pub mod baseline;
 pub mod cli;
+pub mod leakage;
 pub mod model;
 mod native;
 pub mod pictures;

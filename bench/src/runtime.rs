@@ -442,8 +442,9 @@ fn provider_text(assigned: &[(String, usize)], device: Device) -> String {
     match assigned {
         [] => match device {
             Device::Cpu => "CPUExecutionProvider".to_owned(),
-            // Registered with an error on failure, so it is there; the library does not tell more.
-            Device::Cuda => "CUDAExecutionProvider".to_owned(),
+            // Registered with an error on failure, so it is there; older libraries do not tell
+            // which nodes it got.
+            Device::Cuda => "CUDAExecutionProvider (share of nodes unknown)".to_owned(),
         },
         [(name, _)] => name.clone(),
         several => several
@@ -515,6 +516,26 @@ mod tests {
     fn embedded_refuses_cuda() {
         let error = Runtime::resolve(RuntimeChoice::Embedded, Device::Cuda).unwrap_err();
         assert!(error.to_string().contains("CPU only"), "{error}");
+    }
+
+    #[test]
+    fn the_provider_is_what_the_library_reports() {
+        if let setup::Availability::Unavailable(reason) = setup::ensure_runtime() {
+            eprintln!("skipped: {reason}");
+            return;
+        }
+        let mut graph = strat_onnx::graph::GraphBuilder::new("one node");
+        let input = graph.input("x", &[1.into()]).unwrap();
+        let output = graph.relu("relu", input).unwrap();
+        graph.output("y", output).unwrap();
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), graph.finish(None).unwrap()).unwrap();
+        let loaded = onnxruntime(false).unwrap();
+        let session = load_with_onnxruntime(loaded, file.path(), Device::Cpu, 1).unwrap();
+        assert_eq!(
+            native::providers_of(&session),
+            [("CPUExecutionProvider".to_owned(), 1)]
+        );
     }
 
     #[test]

@@ -13,6 +13,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::Parser;
+use strat_bench::setup::{Availability, ensure_runtime};
 use strat_tests::steps::Plan;
 
 /// Renders a street world, prepares it, trains, exports and evaluates.
@@ -51,11 +52,11 @@ fn main() -> ExitCode {
         train_arguments,
         bench_arguments: Vec::new(),
     };
-    match strat_bench::setup::ensure_runtime() {
-        strat_bench::setup::Runtime::Ready(path) => {
+    match ensure_runtime() {
+        Availability::Ready(path) => {
             eprintln!("ONNX Runtime: {}", path.display());
         }
-        strat_bench::setup::Runtime::Unavailable(reason) => {
+        Availability::Unavailable(reason) => {
             eprintln!("ONNX Runtime cannot be had ({reason}); the embedded runtime serves instead");
         }
     }

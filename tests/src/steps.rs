@@ -190,8 +190,7 @@ mod tests {
         };
         let lines: Vec<String> = plan.steps().iter().map(Step::line).collect();
         assert_eq!(
-            lines[0],
-            "prep synth --preset tiny --out 'a b/world'",
+            lines[0], "prep synth --preset tiny --out 'a b/world'",
             "a folder with a space is quoted"
         );
         assert!(lines[3].ends_with("--out 'a b/run' --max-steps 3"));

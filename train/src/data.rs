@@ -11,7 +11,7 @@
 //!
 //! Nothing is downloaded, written or checked against hashes here: `prep verify` does that.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -150,6 +150,21 @@ impl Pairs {
     #[must_use]
     pub fn len(&self) -> usize {
         self.0.entries.len()
+    }
+
+    /// Drives that the pairs come from, sorted. Pairs in memory and ids without a drive have none.
+    #[must_use]
+    pub fn drives(&self) -> Vec<String> {
+        let drives: BTreeSet<&str> = self
+            .0
+            .entries
+            .iter()
+            .filter_map(|entry| match entry {
+                Entry::Files { id, .. } => id.split_once('/').map(|(drive, _)| drive),
+                Entry::Memory(_) => None,
+            })
+            .collect();
+        drives.into_iter().map(str::to_owned).collect()
     }
 
     /// Never true: an empty set is an error when it is opened.

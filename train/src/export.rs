@@ -303,8 +303,14 @@ impl Ops for GraphOps {
         let padded = self.unnamed("pad", |graph, name| {
             graph.pad_zero(name, input, [1, 1, 0, 0])
         })?;
+        // Changes no number. It keeps ONNX Runtime (seen in 1.31.1) from folding the padding into
+        // the pool, where the zeros would become minus infinity and the output differ near the
+        // upper and left border.
+        let kept = self.unnamed("pad_kept", |graph, name| {
+            graph.at_least(name, padded, f32::MIN)
+        })?;
         self.unnamed("max_pool", |graph, name| {
-            graph.max_pool(name, padded, 3, Geometry::new(2, 0))
+            graph.max_pool(name, kept, 3, Geometry::new(2, 0))
         })
     }
 

@@ -116,34 +116,15 @@ impl Activation {
     }
 }
 
-/// Applies an activation on the CPU backend; gives the input back elsewhere.
-pub(crate) fn activate(activation: Activation, input: Tensor<4>) -> Result<Tensor<4>, Tensor<4>> {
-    match cpu_input(input)? {
-        Input::Plain(tensor) => Ok(from_plain(activation_forward(activation, tensor))),
-        Input::Tracked(tensor) => Ok(from_tracked(tracked_activation(activation, tensor))),
+/// Applies an activation on the CPU backend; `None` elsewhere.
+pub(crate) fn activate(activation: Activation, input: &Tensor<4>) -> Option<Tensor<4>> {
+    if input.is_autodiff() {
+        let input = tracked(input)?;
+        return is_f32(input.primitive())
+            .then(|| from_tracked(tracked_activation(activation, input)));
     }
-}
-
-/// A float tensor of the CPU backend.
-enum Input {
-    Plain(Cpu),
-    Tracked(Tracked),
-}
-
-/// The tensor as one of the CPU backend, or as it came.
-fn cpu_input(tensor: Tensor<4>) -> Result<Input, Tensor<4>> {
-    let found = if tensor.is_autodiff() {
-        let tracked = tensor.clone().try_into_primitive::<Autodiff<Flex>>();
-        tracked.map(Input::Tracked).ok()
-    } else {
-        let plain = tensor.clone().try_into_primitive::<Flex>();
-        plain.map(Input::Plain).ok()
-    };
-    let suits = |found: &Input| match found {
-        Input::Plain(plain) => is_f32(plain),
-        Input::Tracked(tracked) => is_f32(tracked.primitive()),
-    };
-    found.filter(suits).ok_or(tensor)
+    let input = input.clone().try_into_primitive::<Flex>().ok()?;
+    is_f32(&input).then(|| from_plain(activation_forward(activation, input)))
 }
 
 fn is_f32(tensor: &Cpu) -> bool {

@@ -118,6 +118,8 @@ pub struct RunInfo {
     pub kernel: String,
     /// Training pairs.
     pub train_pairs: usize,
+    /// Drives that the training pairs come from.
+    pub train_drives: Vec<String>,
     /// Trained values of the generator.
     pub generator_parameters: usize,
     /// Trained values of the discriminator.
@@ -182,6 +184,7 @@ pub fn run(options: &Options) -> Result<Outcome> {
         source: set.manifest.source.clone(),
         kernel: set.manifest.kernel.to_string(),
         train_pairs: pairs.len(),
+        train_drives: pairs.drives(),
         generator_parameters,
         discriminator_parameters,
     };
@@ -274,6 +277,7 @@ fn export_model(
     metadata.kernel = Some(info.kernel.clone());
     metadata.train_data_digest = Some(info.data_digest.clone());
     metadata.split = Some(config.split.to_string());
+    metadata.train_drives = info.train_drives.clone();
     metadata.variant = Some(variant_name(config).to_owned());
     metadata.seed = Some(config.seed);
     metadata.epoch = u32::try_from(state.step / state.steps_per_epoch.max(1)).ok();

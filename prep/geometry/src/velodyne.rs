@@ -90,8 +90,7 @@ pub fn velodyne_depth(
     // from -1 (the first pixel of the image) to height * (width - 1) - 1.
     let mut groups = vec![Group::default(); height * (width - 1) + 1];
     for &[x, y, z, _] in points {
-        // Also drops NaN.
-        if !(x >= 0.0) {
+        if x.is_nan() || x < 0.0 {
             continue;
         }
         let point = [f64::from(x), f64::from(y), f64::from(z), 1.0];

@@ -5,7 +5,7 @@
 //! faded out and both cameras see the same surface the same way.
 
 use super::chance::{key, mix};
-use super::vector::lerp;
+use super::vector::{least, lerp, most};
 
 /// Texels along one side of a tile.
 const SIZE: usize = 512;
@@ -152,43 +152,55 @@ fn grain() -> Vec<f32> {
 /// Distance to the nearest jittered cell centre, roughened, then spread so that
 /// the share of values below q is q.
 fn leaves() -> Vec<f32> {
-    let cell = 8;
-    let cells = SIZE / cell;
+    const CELL: usize = 8;
+    let cells = SIZE / CELL;
     let rough = octaves(23, 16, 128);
-    let centre = |cx: usize, cy: usize| {
-        (
-            lattice(31, cx, cy) * cell as f32,
-            lattice(37, cx, cy) * cell as f32,
-        )
-    };
+    let centres: Vec<(f32, f32)> = (0..cells * cells)
+        .map(|i| {
+            let (cx, cy) = (i % cells, i / cells);
+            (
+                lattice(31, cx, cy) * CELL as f32,
+                lattice(37, cx, cy) * CELL as f32,
+            )
+        })
+        .collect();
     let mut values = vec![0.0_f32; SIZE * SIZE];
     for row in 0..SIZE {
         for col in 0..SIZE {
+            let (x, y) = ((col % CELL) as f32, (row % CELL) as f32);
             let mut best = f32::MAX;
-            for dy in 0..3_usize {
-                for dx in 0..3_usize {
-                    let (cx, cy) = (col / cell + dx, row / cell + dy);
-                    let (jx, jy) = centre((cx + cells - 1) % cells, (cy + cells - 1) % cells);
-                    let x = ((cx * cell) as f32 - cell as f32) + jx - col as f32;
-                    let y = ((cy * cell) as f32 - cell as f32) + jy - row as f32;
-                    best = best.min(x * x + y * y);
+            for (dy, oy) in [(cells - 1, -1.0_f32), (0, 0.0), (1, 1.0)] {
+                let line = (row / CELL + dy) % cells * cells;
+                for (dx, ox) in [(cells - 1, -1.0_f32), (0, 0.0), (1, 1.0)] {
+                    let (jx, jy) = centres[line + (col / CELL + dx) % cells];
+                    let (u, v) = (ox * CELL as f32 + jx - x, oy * CELL as f32 + jy - y);
+                    best = least(best, u * u + v * v);
                 }
             }
-            values[row * SIZE + col] = -best.sqrt() / cell as f32 + 0.9 * rough[row * SIZE + col];
+            let at = row * SIZE + col;
+            values[at] = -best.sqrt() / CELL as f32 + 0.9 * rough[at];
         }
     }
-    let mut order: Vec<u32> = (0..values.len() as u32).collect();
-    order.sort_by(|&a, &b| {
-        values[a as usize]
-            .total_cmp(&values[b as usize])
-            .then(a.cmp(&b))
-    });
-    let last = (values.len() - 1) as f32;
-    let mut ranked = vec![0.0; values.len()];
-    for (rank, &i) in order.iter().enumerate() {
-        ranked[i as usize] = rank as f32 / last;
+    equalised(&values)
+}
+
+/// Replaces each value by the share of values below it, to 1/65536 of their range.
+fn equalised(values: &[f32]) -> Vec<f32> {
+    const BINS: usize = 1 << 16;
+    let low = values.iter().copied().fold(f32::MAX, least);
+    let high = values.iter().copied().fold(f32::MIN, most);
+    let bin = |v: f32| (((v - low) / (high - low) * BINS as f32) as usize).min(BINS - 1);
+    let mut below = vec![0_u32; BINS + 1];
+    for &v in values {
+        below[bin(v) + 1] += 1;
     }
-    ranked
+    for i in 0..BINS {
+        below[i + 1] += below[i];
+    }
+    values
+        .iter()
+        .map(|&v| below[bin(v)] as f32 / values.len() as f32)
+        .collect()
 }
 
 #[cfg(test)]

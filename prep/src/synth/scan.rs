@@ -4,8 +4,8 @@
 //! degrees down, 32 beams half a degree apart below them.
 
 use super::chance::{Dice, key};
-use super::scene::{Candidate, Scene};
-use super::surface::radiance;
+use super::scene::{Candidate, Hit, On, Scene};
+
 use super::vector::{V3, atan2, sin_cos};
 
 /// Settings of a scan.
@@ -52,18 +52,26 @@ pub(super) fn scan(scene: &Scene, eye: V3, axes: [V3; 3], scanner: Scanner) -> V
             if lost > chance {
                 continue;
             }
-            let (colour, _) = radiance(scene, Some(&hit), eye, direction, SPREAD);
-            let bright = (0.3 * colour[0] + 0.5 * colour[1] + 0.2 * colour[2]).clamp(0.0, 1.0);
+            let bright = reflectance(scene, &hit);
             let range = hit.t + blur;
             points.push([
                 local[0] * range,
                 local[1] * range,
                 local[2] * range,
-                ((0.1 + 0.6 * bright) * (0.4 + 0.6 * cosine) * 100.0) as u8 as f32 / 100.0,
+                ((0.1 + 0.8 * bright) * (0.4 + 0.6 * cosine) * 100.0) as u8 as f32 / 100.0,
             ]);
         }
     }
     points
+}
+
+/// How bright a surface is to the laser: its paint, without texture.
+fn reflectance(scene: &Scene, hit: &Hit) -> f32 {
+    let [r, g, b] = match hit.on {
+        On::Ground(_) => [0.25; 3],
+        On::Shape { index, .. } => scene.shapes[index as usize].skin.paint,
+    };
+    (0.3 * r + 0.5 * g + 0.2 * b).clamp(0.0, 1.0)
 }
 
 /// For each slice of the front half circle the shapes that reach into it, nearest first.

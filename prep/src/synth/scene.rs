@@ -1,6 +1,8 @@
 //! One frame's world, ready for rays: shapes, ground, and grids that say which
 //! shapes can stand between a point and the sun.
 
+use std::cell::Cell;
+
 use super::noise::Textures;
 use super::scenery::{Footprint, label};
 use super::shapes::{Entry, Material, Plane, Shape};
@@ -56,6 +58,8 @@ pub(super) struct Scene<'a> {
     pub origin: (f64, f64),
     shade: ShadeGrid,
     contact: Contact,
+    /// The shape that shaded the point asked about before: a hint, without effect on results.
+    last_shade: Cell<u32>,
 }
 
 /// Shapes farther than this from the camera cast no shadow.
@@ -87,6 +91,7 @@ impl<'a> Scene<'a> {
             origin,
             shade,
             contact,
+            last_shade: Cell::new(u32::MAX),
         }
     }
 
@@ -177,15 +182,20 @@ impl<'a> Scene<'a> {
     /// Share of the sun that reaches a point (0 or 1); `of` is the shape it is on.
     pub fn sunlight(&self, point: V3, of: Option<u32>) -> f32 {
         let sun = self.world.light.sun;
-        for &index in self.shade.above(point) {
-            if Some(index) == of {
-                continue;
-            }
+        let blocks = |index: u32| {
             let shape = &self.shapes[index as usize];
-            if shape
-                .enter(&self.planes, self.textures, point, sun, 1e3, 0.004)
-                .is_some()
-            {
+            let entry = shape.enter(&self.planes, self.textures, point, sun, 1e3, 0.004);
+            Some(index) != of && entry.is_some()
+        };
+        let above = self.shade.above(point);
+        // What shaded the last point often shades this one.
+        let last = self.last_shade.get();
+        if above.contains(&last) && blocks(last) {
+            return 0.0;
+        }
+        for &index in above {
+            if Some(index) != of && index != last && blocks(index) {
+                self.last_shade.set(index);
                 return 0.0;
             }
         }

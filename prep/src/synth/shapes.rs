@@ -5,7 +5,7 @@
 //! multiples of the ray's direction, which need not have unit length.
 
 use super::noise::Textures;
-use super::vector::{Rgb, V3, v3};
+use super::vector::{Rgb, V3, least, most, v3};
 
 /// What a surface is made of; decides its look in [`super::surface`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -184,9 +184,9 @@ fn block(o: V3, d: V3, low: V3, high: V3) -> Option<Entry> {
     let (ax, bx) = ((low.x - o.x) * inv.x, (high.x - o.x) * inv.x);
     let (ay, by) = ((low.y - o.y) * inv.y, (high.y - o.y) * inv.y);
     let (az, bz) = ((low.z - o.z) * inv.z, (high.z - o.z) * inv.z);
-    let (nx, ny, nz) = (ax.min(bx), ay.min(by), az.min(bz));
-    let near = nx.max(ny).max(nz);
-    let far = ax.max(bx).min(ay.max(by)).min(az.max(bz));
+    let (nx, ny, nz) = (least(ax, bx), least(ay, by), least(az, bz));
+    let near = most(most(nx, ny), nz);
+    let far = least(least(most(ax, bx), most(ay, by)), most(az, bz));
     if near > far || near < T_MIN {
         return None;
     }
@@ -474,7 +474,7 @@ fn convex(o: V3, d: V3, planes: &[Plane]) -> Option<Entry> {
                 normal = plane.normal;
             }
         } else {
-            far = far.min(t);
+            far = least(far, t);
         }
         if near > far {
             return None;

@@ -9,7 +9,7 @@ use super::shapes::{
     Entry, LEAF_TEXELS_PER_M, Material, Shape, Skin, leaf_coordinates, leaf_scale, planar,
 };
 use super::street::{GroundHit, Spot, Theme, Yard, Zone};
-use super::vector::{Rgb, V3, blend, dim, floor_i32, smooth, v3};
+use super::vector::{Rgb, V3, blend, dim, floor_i32, least, most, smooth, v3};
 
 /// Texels per metre of the fine and the coarse layer of grain. Their periods
 /// (16/3 m and 64 m) divide the 128 m to which scene origins are snapped.
@@ -33,8 +33,8 @@ fn matt(albedo: Rgb) -> Look {
 
 /// Share of the interval of width `foot` around `x` that lies between `low` and `high`.
 fn band(x: f32, low: f32, high: f32, foot: f32) -> f32 {
-    let f = foot.max(1e-4);
-    (((x + 0.5 * f).min(high) - (x - 0.5 * f).max(low)) / f).clamp(0.0, 1.0)
+    let f = most(foot, 1e-4);
+    ((least(x + 0.5 * f, high) - most(x - 0.5 * f, low)) / f).clamp(0.0, 1.0)
 }
 
 /// Like [`band`] for a stripe `on` wide that repeats every `period`.

@@ -2,6 +2,7 @@
 //! can be read by the project's own readers, bytes depend on preset and seed alone.
 
 use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 use strat_geometry::{CamToCam, DepthAxis, VeloToCam, velodyne_depth, velodyne_projection};
 
@@ -9,19 +10,17 @@ use super::*;
 
 const DIVISOR: u32 = 3;
 
+static STAGE: LazyLock<Stage> = LazyLock::new(|| Stage {
+    textures: noise::Textures::new(),
+    shots: plan::shots(Preset::Tiny),
+});
+
 struct Stage {
     textures: noise::Textures,
     shots: Vec<Shot>,
 }
 
 impl Stage {
-    fn new() -> Self {
-        Self {
-            textures: noise::Textures::new(),
-            shots: plan::shots(Preset::Tiny),
-        }
-    }
-
     fn rig(shot: &Shot) -> rig::Rig {
         rig::Rig::new(
             rig::day(shot.date.as_str()).expect("a recording day"),
@@ -42,7 +41,7 @@ fn median(values: &mut [f32]) -> f32 {
 
 #[test]
 fn right_picture_moved_by_the_disparity_is_the_left_picture() {
-    let stage = Stage::new();
+    let stage = &*STAGE;
     for shot in stage.shots.iter().step_by(6) {
         let world = world_of(shot, 1);
         let rig = Stage::rig(shot);
@@ -89,7 +88,7 @@ fn right_picture_moved_by_the_disparity_is_the_left_picture() {
 
 #[test]
 fn disparities_are_sparse_and_visible_ones_are_a_part_of_all() {
-    let stage = Stage::new();
+    let stage = &*STAGE;
     for shot in stage.shots.iter().rev().take(3) {
         let world = world_of(shot, 1);
         let rig = Stage::rig(shot);
@@ -116,7 +115,7 @@ fn disparities_are_sparse_and_visible_ones_are_a_part_of_all() {
 
 #[test]
 fn projected_scan_agrees_with_the_depth_of_the_picture() {
-    let stage = Stage::new();
+    let stage = &*STAGE;
     for shot in stage.shots.iter().step_by(5) {
         let world = world_of(shot, 1);
         let rig = Stage::rig(shot);

@@ -77,6 +77,16 @@ impl Neg for V3 {
     }
 }
 
+/// The lesser of two numbers, neither of them NaN: one instruction, unlike `f32::min`.
+pub(super) fn least(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// The greater of two numbers, neither of them NaN.
+pub(super) fn most(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
 /// Largest integer not above `x`, without a call into the mathematics library.
 pub(super) fn floor_i32(x: f32) -> i32 {
     let i = x as i32;

@@ -522,6 +522,22 @@ impl GraphBuilder {
         self.node(name, "Mul", inputs, dims, Vec::new())
     }
 
+    /// `Max` of every element and a constant.
+    ///
+    /// # Errors
+    /// The name is taken.
+    pub fn at_least(
+        &mut self,
+        name: &str,
+        input: Value,
+        minimum: f32,
+    ) -> Result<Value, GraphError> {
+        let dims = self.slot(name, input)?.dims.clone();
+        let minimum = self.constant_f32(&format!("{name}.minimum"), &[], &[minimum])?;
+        let inputs = vec![Source::Value(input), Source::Constant(minimum)];
+        self.node(name, "Max", inputs, dims, Vec::new())
+    }
+
     /// `Add` of two values of the same shape.
     ///
     /// # Errors
