@@ -10,6 +10,7 @@
 //! is not. Evaluation belongs on `valid()` networks (see [`crate::validation`]).
 
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use burn::module::Module;
@@ -329,7 +330,15 @@ impl Networks {
         let optimizer = |name: &str| {
             let record =
                 OptimizerRecord::from_bytes(bytes(name)?).map_err(|error| wrong(name, error))?;
-            Ok::<_, Error>(adam().load_record(record))
+            // burn rebuilds the state on its default device first, which in a build with GPU
+            // backends is a GPU, and panics where none answers.
+            catch_unwind(AssertUnwindSafe(|| adam().load_record(record))).map_err(|_| {
+                Error::Device(
+                    "no GPU answers, and this build looks for one to resume a run even on the \
+                     cpu; set BURN_DEVICE=flex in the environment"
+                        .to_owned(),
+                )
+            })
         };
         let mut networks = Self::new(config, device);
         networks.generator = networks
