@@ -201,7 +201,10 @@ pub(crate) const IMAGE_ENDINGS: &[&str] = &["png", "jpg", "jpeg"];
 /// The names in a folder, sorted; an error says that there is no folder or what else is wrong.
 fn list(folder: &Path) -> std::io::Result<Vec<String>> {
     if !folder.exists() {
-        return Err(std::io::Error::other("there is no such folder"));
+        return Err(std::io::Error::other(
+            "there is no such folder; give the one that holds KITTI raw's recording days, e.g. \
+             2011_09_26",
+        ));
     }
     if !folder.is_dir() {
         return Err(std::io::Error::other("this is a file; a folder is needed"));

@@ -42,7 +42,10 @@ impl SceneFolder {
             problem,
         };
         if !root.exists() {
-            return Err(wrong("there is no such folder".to_owned()));
+            return Err(wrong(format!(
+                "there is no such folder; give the one that holds training/{}",
+                needed.join(", training/")
+            )));
         }
         let layout = format!("looked for training/{}", needed.join(", training/"));
         if needed.iter().all(|name| root.join(name).is_dir()) {
