@@ -316,7 +316,7 @@ pub fn write(entries: &[Entry], writer: impl Write) -> Result<(), CsvError> {
     Ok(())
 }
 
-/// Reads what [`write`] has written.
+/// Reads what [`write()`] has written.
 ///
 /// # Errors
 /// Anything else than such a text, with line and column; a measured line without digests, or a

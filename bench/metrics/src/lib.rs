@@ -4,7 +4,7 @@
 //! uses for its tables 3.1 to 3.3, with every legacy habit written out as a field of a
 //! [`Protocol`]. The way through the crate:
 //!
-//! 1. [`protocol()`] names the rules, [`evaluate`] scores one image under them;
+//! 1. [`protocol()`] names the rules, [`evaluate()`] scores one image under them;
 //! 2. an [`ImageScore`] becomes a line of `rows.csv` ([`Row`]);
 //! 3. [`tables`] and [`leaderboard`] are pure functions of such lines and of the thesis'
 //!    own figures in [`published`].

@@ -2,7 +2,7 @@
 //!
 //! Formulas: PROTOCOL 3.1, 3.2 and 3.6 (the traditional forms of Eigen et al.: squared error
 //! is divided by depth, not by its square; logarithms are natural). All sums are taken in
-//! double precision. What is a valid pixel is decided in [`evaluate`](crate::evaluate).
+//! double precision. What is a valid pixel is decided in [`evaluate`](crate::evaluate()).
 
 use serde::{Deserialize, Serialize};
 

@@ -133,7 +133,7 @@ pub fn write(rows: &[Row], writer: impl Write) -> Result<(), CsvError> {
     Ok(())
 }
 
-/// Reads what [`write`] has written.
+/// Reads what [`write()`] has written.
 ///
 /// # Errors
 /// Anything else than such a text, with line and column.
