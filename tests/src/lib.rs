@@ -3,9 +3,5 @@
 //! Each step is one of the three commands with the arguments a user would type,
 //! so that what the demo does can be repeated by hand line by line. Nothing here
 //! computes a figure itself.
-#![allow(
-    clippy::print_stdout,
-    reason = "the demo's results are meant for the terminal"
-)]
 
 pub mod steps;

@@ -5,7 +5,6 @@
 
 use super::chance::{Dice, key};
 use super::scene::{Candidate, Hit, On, Scene};
-
 use super::vector::{V3, atan2, sin_cos};
 
 /// Settings of a scan.
