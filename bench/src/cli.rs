@@ -418,7 +418,7 @@ fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
     let plan = tables::plan(
         args.table,
         &args.protocols,
-        set.manifest.split,
+        set.manifest.content,
         &samples,
         count,
     )?;
@@ -571,7 +571,7 @@ fn check_model(
     for problem in model.file.info.description.problems.clone() {
         session.warn(format!("model {}: {problem}", model.name));
     }
-    let tested = session.set.manifest.split;
+    let tested = session.set.manifest.content;
     match leakage::check(model.file.info.metadata(), tested, &session.samples) {
         Leakage::None => {}
         Leakage::Drives { drives, images } => session.warn(format!(
@@ -681,7 +681,7 @@ fn shared_context(session: &Session<'_>) -> RowContext {
     let manifest = &session.set.manifest;
     RowContext {
         data_digest: manifest.data_digest.clone(),
-        split: manifest.split.to_string(),
+        split: manifest.content.to_string(),
         tool_version: TOOL_VERSION.to_owned(),
         ..RowContext::default()
     }
@@ -819,7 +819,7 @@ fn write_results(
             data: DataRecord {
                 path: args.data.clone(),
                 source: set.manifest.source.clone(),
-                split: set.manifest.split,
+                content: set.manifest.content,
                 split_digest: set.manifest.split_digest.clone(),
                 data_digest: set.manifest.data_digest.clone(),
                 test_images_expected: count.expected,

@@ -9,8 +9,8 @@
 use std::collections::BTreeSet;
 
 use strat_onnx::metadata::ModelMetadata;
-use strat_splits::{Split, kitti2015_origin};
-use strat_store::set::Sample;
+use strat_splits::kitti2015_origin;
+use strat_store::set::{Content, Sample};
 
 /// What is known about training places among the test images.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -36,7 +36,7 @@ pub enum Leakage {
 /// Compares the training that `metadata` tells of with the test images of `tested`.
 ///
 /// Stereo-2015 images count as frames of the drive they were taken from, where that is known.
-pub fn check(metadata: Option<&ModelMetadata>, tested: Split, samples: &[Sample]) -> Leakage {
+pub fn check(metadata: Option<&ModelMetadata>, tested: Content, samples: &[Sample]) -> Leakage {
     let Some(metadata) = metadata else {
         return Leakage::Unknown;
     };
@@ -52,7 +52,7 @@ pub fn check(metadata: Option<&ModelMetadata>, tested: Split, samples: &[Sample]
     let trained: BTreeSet<&str> = metadata.train_drives.iter().map(String::as_str).collect();
     let seen: Vec<String> = samples
         .iter()
-        .filter_map(|sample| drive_of(&sample.id))
+        .filter_map(drive_of)
         .filter(|drive| trained.contains(drive.as_str()))
         .collect();
     if seen.is_empty() {
@@ -65,10 +65,10 @@ pub fn check(metadata: Option<&ModelMetadata>, tested: Split, samples: &[Sample]
 }
 
 /// The drive of a sample such as `2011_09_26_drive_0001/0000000005` or `kitti2015/000006`.
-fn drive_of(id: &str) -> Option<String> {
-    let (place, frame) = id.split_once('/')?;
+fn drive_of(sample: &Sample) -> Option<String> {
+    let place = sample.drive();
     if place == "kitti2015" {
-        let number: usize = frame.parse().ok()?;
+        let number: usize = sample.id.rsplit('/').next()?.parse().ok()?;
         let origin = (*kitti2015_origin().get(number)?)?;
         return Some(origin.drive.to_string());
     }
@@ -88,23 +88,7 @@ mod tests {
             blake3: String::new(),
         };
         ids.iter()
-            .map(|id| Sample {
-                id: (*id).to_owned(),
-                width: 1242,
-                height: 375,
-                focal_px: 721.5377,
-                baseline_m: 0.54,
-                left: file.clone(),
-                right: file.clone(),
-                left_full: None,
-                right_full: None,
-                depth_noc: None,
-                depth_occ: None,
-                depth_velodyne: None,
-                depth_camera: None,
-                semantic: None,
-                instance: None,
-            })
+            .map(|id| Sample::new(*id, (1242, 375), 721.5377, 0.54, file.clone()))
             .collect()
     }
 
@@ -122,7 +106,7 @@ mod tests {
         let metadata = trained_on("eigen", &["2011_09_26_drive_0005"]);
         let tested = samples(&["kitti2015/000000", "kitti2015/000002", "kitti2015/000003"]);
         assert_eq!(
-            check(Some(&metadata), Split::Kitti, &tested),
+            check(Some(&metadata), Content::Kitti, &tested),
             Leakage::Drives {
                 drives: vec!["2011_09_26_drive_0005".into()],
                 images: 2,
@@ -134,7 +118,10 @@ mod tests {
     fn another_split_without_a_common_drive_is_no_leakage() {
         let metadata = trained_on("eigen", &["2011_09_26_drive_0001"]);
         let tested = samples(&["kitti2015/000002"]);
-        assert_eq!(check(Some(&metadata), Split::Kitti, &tested), Leakage::None);
+        assert_eq!(
+            check(Some(&metadata), Content::Kitti, &tested),
+            Leakage::None
+        );
     }
 
     #[test]
@@ -142,13 +129,13 @@ mod tests {
         let tested = samples(&["2011_09_26_drive_0002/0000000069"]);
         let other = trained_on("kitti", &[]);
         assert_eq!(
-            check(Some(&other), Split::Eigen, &tested),
+            check(Some(&other), Content::Eigen, &tested),
             Leakage::OtherSplit {
                 trained: "kitti".into()
             }
         );
         let same = trained_on("eigen", &[]);
-        assert_eq!(check(Some(&same), Split::Eigen, &tested), Leakage::None);
-        assert_eq!(check(None, Split::Eigen, &tested), Leakage::Unknown);
+        assert_eq!(check(Some(&same), Content::Eigen, &tested), Leakage::None);
+        assert_eq!(check(None, Content::Eigen, &tested), Leakage::Unknown);
     }
 }

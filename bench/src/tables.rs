@@ -15,10 +15,10 @@ use strat_metrics::{
     statistics::Bootstrap,
     tables::{self, Coverage, Table, TableError, ThesisTable},
 };
-use strat_splits::{Role, Split};
+use strat_splits::Role;
 use strat_store::{
     files,
-    set::{Count, PreparedSet, Sample},
+    set::{Content, Count, PreparedSet, Sample},
     yaml,
 };
 
@@ -52,11 +52,20 @@ pub enum PlanError {
         /// The table asked for.
         table: ThesisTable,
         /// Its split.
-        needed: Split,
-        /// The set's split.
-        found: Split,
+        needed: Content,
+        /// What the set was made of.
+        found: Content,
         /// A table of the set's split.
         instead: ThesisTable,
+    },
+    /// The thesis has no table for such a set.
+    #[error(
+        "the thesis has no table for a set of {found}; prepare KITTI with `prep kitti` or `prep eigen`, or \
+         evaluate this set under a protocol by name (`--protocol`)"
+    )]
+    NoTable {
+        /// What the set was made of.
+        found: Content,
     },
     /// No label images.
     #[error(
@@ -76,20 +85,20 @@ pub enum PlanError {
         /// The name given.
         name: String,
     },
-    /// The protocol's ground truth is not in sets of this split.
+    /// The protocol's ground truth is not in the set.
     #[error(
-        "protocol {name} compares with {truth} ground truth, which a set of the {found} split does \
-         not have; prepare the data with `prep {needed}`"
+        "protocol {name} compares with {truth} ground truth, which no test image of this set (`{found}`) \
+         has; prepare the data with `{remedy}`"
     )]
     WrongTruth {
         /// The protocol.
         name: String,
         /// Its ground truth in words.
         truth: &'static str,
-        /// The set's split.
-        found: Split,
-        /// The split that has it.
-        needed: Split,
+        /// What the set was made of.
+        found: Content,
+        /// The command that makes sets with it.
+        remedy: &'static str,
     },
 }
 
@@ -111,7 +120,7 @@ pub struct Plan {
 pub fn plan(
     choice: TableChoice,
     extra_protocols: &[String],
-    split: Split,
+    content: Content,
     samples: &[Sample],
     count: Count,
 ) -> Result<Plan, PlanError> {
@@ -121,9 +130,10 @@ pub fn plan(
         });
     }
     let has_labels = samples.iter().any(|sample| sample.semantic.is_some());
-    let own: &[ThesisTable] = match split {
-        Split::Kitti => &[ThesisTable::Table31, ThesisTable::Table32],
-        Split::Eigen => &[ThesisTable::Table33],
+    let own: &[ThesisTable] = match content {
+        Content::Kitti => &[ThesisTable::Table31, ThesisTable::Table32],
+        Content::Eigen => &[ThesisTable::Table33],
+        Content::Pairs | Content::Make3d | Content::Cityscapes => &[],
     };
     let wanted = match choice {
         TableChoice::Table31 => Some(ThesisTable::Table31),
@@ -138,11 +148,17 @@ pub fn plan(
     };
     match wanted {
         Some(table) if !own.contains(&table) => {
-            return Err(PlanError::WrongSplit {
-                table,
-                needed: other(split),
-                found: split,
-                instead: own[0],
+            return Err(match own.first() {
+                Some(&instead) => PlanError::WrongSplit {
+                    table,
+                    needed: match table {
+                        ThesisTable::Table31 | ThesisTable::Table32 => Content::Kitti,
+                        ThesisTable::Table33 => Content::Eigen,
+                    },
+                    found: content,
+                    instead,
+                },
+                None => PlanError::NoTable { found: content },
             });
         }
         Some(ThesisTable::Table32) if !has_labels => return Err(PlanError::NoLabels),
@@ -168,18 +184,20 @@ pub fn plan(
     for name in of_tables.iter().chain(extra_protocols) {
         let protocol =
             protocol(name).ok_or_else(|| PlanError::UnknownProtocol { name: name.clone() })?;
-        let (truth, needed) = match protocol.ground_truth {
-            GroundTruthKind::StereoNoc | GroundTruthKind::StereoOcc => {
-                ("stereo 2015", Split::Kitti)
+        let (truth, remedy, has): (_, _, fn(&Sample) -> bool) = match protocol.ground_truth {
+            GroundTruthKind::StereoNoc => ("stereo 2015", "prep kitti", |s| s.depth_noc.is_some()),
+            GroundTruthKind::StereoOcc => ("stereo 2015", "prep kitti", |s| s.depth_occ.is_some()),
+            GroundTruthKind::VelodyneX => {
+                ("Velodyne", "prep eigen", |s| s.depth_velodyne.is_some())
             }
-            GroundTruthKind::VelodyneX | GroundTruthKind::CameraZ => ("Velodyne", Split::Eigen),
+            GroundTruthKind::CameraZ => ("camera-z", "prep eigen", |s| s.depth_camera.is_some()),
         };
-        if needed != split {
+        if !samples.iter().any(has) {
             return Err(PlanError::WrongTruth {
                 name: name.clone(),
                 truth,
-                found: split,
-                needed,
+                found: content,
+                remedy,
             });
         }
         if protocol.grouping == Grouping::Cityscapes && !has_labels {
@@ -190,13 +208,6 @@ pub fn plan(
         }
     }
     Ok(plan)
-}
-
-fn other(split: Split) -> Split {
-    match split {
-        Split::Kitti => Split::Eigen,
-        Split::Eigen => Split::Kitti,
-    }
 }
 
 /// Why results could not be written.
@@ -252,10 +263,11 @@ pub struct DataRecord {
     pub path: PathBuf,
     /// Recorded or rendered.
     pub source: String,
-    /// The split.
-    pub split: Split,
-    /// Digest of the split's lists.
-    pub split_digest: String,
+    /// What the set was made of.
+    pub content: Content,
+    /// Digest of the split's lists, for a split of KITTI.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub split_digest: Option<String>,
     /// Digest of the prepared set.
     pub data_digest: String,
     /// Test images that the split has.
@@ -459,27 +471,18 @@ mod tests {
     use super::*;
     use strat_store::set::FileRef;
 
-    fn sample(labels: bool) -> Sample {
+    fn sample(content: Content, labels: bool) -> Sample {
         let file = FileRef {
             path: "x".to_owned(),
             blake3: String::new(),
         };
+        let truth = |wanted| (content == wanted).then(|| file.clone());
         Sample {
-            id: "kitti2015/000000".to_owned(),
-            width: 4,
-            height: 4,
-            focal_px: 1.0,
-            baseline_m: 1.0,
-            left: file.clone(),
-            right: file.clone(),
-            left_full: None,
-            right_full: None,
-            depth_noc: None,
-            depth_occ: None,
-            depth_velodyne: None,
-            depth_camera: None,
-            semantic: labels.then_some(file),
-            instance: None,
+            depth_noc: truth(Content::Kitti),
+            depth_occ: truth(Content::Kitti),
+            depth_velodyne: truth(Content::Eigen),
+            semantic: labels.then(|| file.clone()),
+            ..Sample::new("kitti2015/000000", (4, 4), 1.0, 1.0, file.clone())
         }
     }
 
@@ -488,8 +491,8 @@ mod tests {
         found: 1,
     };
 
-    fn try_plan(choice: TableChoice, split: Split, labels: bool) -> Result<Plan, PlanError> {
-        plan(choice, &[], split, &[sample(labels)], COUNT)
+    fn try_plan(choice: TableChoice, content: Content, labels: bool) -> Result<Plan, PlanError> {
+        plan(choice, &[], content, &[sample(content, labels)], COUNT)
     }
 
     fn names(plan: &Plan) -> Vec<&str> {
@@ -498,19 +501,19 @@ mod tests {
 
     #[test]
     fn all_means_what_the_set_offers() {
-        let with = try_plan(TableChoice::All, Split::Kitti, true).unwrap();
+        let with = try_plan(TableChoice::All, Content::Kitti, true).unwrap();
         assert_eq!(names(&with), ["kitti2015", "semantic"]);
-        let without = try_plan(TableChoice::All, Split::Kitti, false).unwrap();
+        let without = try_plan(TableChoice::All, Content::Kitti, false).unwrap();
         assert_eq!(names(&without), ["kitti2015"]);
         assert!(without.left_out[0].contains("--semantics"));
-        let eigen = try_plan(TableChoice::All, Split::Eigen, false).unwrap();
+        let eigen = try_plan(TableChoice::All, Content::Eigen, false).unwrap();
         assert_eq!(names(&eigen), ["eigen-80", "eigen-50"]);
         assert_eq!(eigen.tables, [ThesisTable::Table33]);
     }
 
     #[test]
     fn a_table_of_the_other_split_is_refused() {
-        let error = try_plan(TableChoice::Table31, Split::Eigen, false).unwrap_err();
+        let error = try_plan(TableChoice::Table31, Content::Eigen, false).unwrap_err();
         let text = error.to_string();
         assert!(
             text.contains("table 3.1 is about the kitti split"),
@@ -518,9 +521,9 @@ mod tests {
         );
         assert!(text.contains("`prep kitti`"), "{text}");
         assert!(text.contains("table 3.3"), "{text}");
-        assert!(try_plan(TableChoice::Table33, Split::Kitti, true).is_err());
+        assert!(try_plan(TableChoice::Table33, Content::Kitti, true).is_err());
         assert_eq!(
-            try_plan(TableChoice::Table32, Split::Kitti, false),
+            try_plan(TableChoice::Table32, Content::Kitti, false),
             Err(PlanError::NoLabels)
         );
     }
@@ -531,8 +534,8 @@ mod tests {
         let plan = plan(
             TableChoice::Table31,
             &asked,
-            Split::Kitti,
-            &[sample(false)],
+            Content::Kitti,
+            &[sample(Content::Kitti, false)],
             COUNT,
         )
         .unwrap();
@@ -540,12 +543,12 @@ mod tests {
         let wrong = super::plan(
             TableChoice::Table31,
             &["eigen-80".to_owned()],
-            Split::Kitti,
-            &[sample(false)],
+            Content::Kitti,
+            &[sample(Content::Kitti, false)],
             COUNT,
         );
         assert!(wrong.unwrap_err().to_string().contains("Velodyne"));
-        let none = super::plan(TableChoice::All, &[], Split::Kitti, &[], COUNT);
+        let none = super::plan(TableChoice::All, &[], Content::Kitti, &[], COUNT);
         assert!(none.unwrap_err().to_string().contains("200 expected"));
     }
 }

@@ -20,7 +20,9 @@ use strat_store::exr::{DepthHeader, encode_depth};
 use strat_store::progress::Progress;
 use strat_store::raster::Plane;
 use strat_store::resize::{self, Kernel};
-use strat_store::set::{CameraEntry, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample};
+use strat_store::set::{
+    CameraEntry, Content, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample,
+};
 use strat_store::{files, image_files, yaml};
 
 use crate::error::{Error, Result};
@@ -244,8 +246,8 @@ pub fn build(
     });
     let manifest = Manifest {
         format: FORMAT,
-        split: settings.split,
-        split_digest: strat_splits::digest(settings.split),
+        content: Content::from(settings.split),
+        split_digest: Some(strat_splits::digest(settings.split)),
         source: settings.source.clone(),
         image_width: settings.image_width,
         image_height: settings.image_height,
@@ -367,21 +369,18 @@ impl Workshop<'_> {
         }
         let (depth_velodyne, depth_camera) = depth.unzip();
         Ok(Some(Sample {
-            id: job.id.clone(),
-            width: left_picture.size.0,
-            height: left_picture.size.1,
-            focal_px: cameras.focal_px(),
-            baseline_m: cameras.baseline_m(),
-            left: left_picture.small,
-            right: right_picture.small,
+            right: Some(right_picture.small),
             left_full: left_picture.full,
             right_full: right_picture.full,
-            depth_noc: None,
-            depth_occ: None,
             depth_velodyne,
             depth_camera,
-            semantic: None,
-            instance: None,
+            ..Sample::new(
+                &job.id,
+                left_picture.size,
+                cameras.focal_px(),
+                cameras.baseline_m(),
+                left_picture.small,
+            )
         }))
     }
 
@@ -441,13 +440,7 @@ impl Workshop<'_> {
                 .transpose()
         };
         Ok(Some(Sample {
-            id: job.id.clone(),
-            width: size.0,
-            height: size.1,
-            focal_px,
-            baseline_m,
-            left: left_picture.small,
-            right: right_picture.small,
+            right: Some(right_picture.small),
             left_full: left_picture.full,
             right_full: right_picture.full,
             depth_noc: Some(disparity("noc", noc)?),
@@ -455,14 +448,13 @@ impl Workshop<'_> {
                 .as_deref()
                 .map(|occ| disparity("occ", occ))
                 .transpose()?,
-            depth_velodyne: None,
-            depth_camera: None,
             semantic: label("semantic", semantic, |path| {
                 image_files::read_gray8(path).map(|(w, h, _)| (w, h))
             })?,
             instance: label("instance", instance, |path| {
                 image_files::read_gray16(path).map(|(w, h, _)| (w, h))
             })?,
+            ..Sample::new(&job.id, size, focal_px, baseline_m, left_picture.small)
         }))
     }
 
@@ -757,22 +749,12 @@ fn known_hashes(out: &Path) -> HashMap<String, String> {
         .filter_map(|role| set.samples(role).ok())
         .flatten();
     samples
-        .flat_map(|s| {
-            let optional = [
-                s.left_full,
-                s.right_full,
-                s.depth_noc,
-                s.depth_occ,
-                s.depth_velodyne,
-                s.depth_camera,
-                s.semantic,
-                s.instance,
-            ];
-            [s.left, s.right]
-                .into_iter()
-                .chain(optional.into_iter().flatten())
+        .flat_map(|sample| {
+            let files = sample.files();
+            files
+                .map(|(_, file)| (file.path.clone(), file.blake3.clone()))
+                .collect::<Vec<_>>()
         })
-        .map(|file| (file.path, file.blake3))
         .collect()
 }
 

@@ -215,7 +215,7 @@ fn conclude(out: &Path, report: &Report) {
     say(format_args!(
         "set {} ({} split, {} data)",
         out.display(),
-        manifest.split,
+        manifest.content,
         manifest.source
     ));
     say(format_args!("digest {}", manifest.data_digest));

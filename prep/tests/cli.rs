@@ -315,7 +315,7 @@ fn the_kitti_set_holds_what_the_contract_says() {
     assert!(train.left_full.is_none() && train.depth_velodyne.is_none());
     let expected = resize::rgb(&picture(43), 32, 16, Kernel::Area);
     assert_eq!(
-        image_files::read_rgb(&set.path(&train.right)).unwrap(),
+        image_files::read_rgb(&set.path(train.right.as_ref().unwrap())).unwrap(),
         expected
     );
 

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
-use strat_splits::Split;
+use strat_store::set::Content;
 
 use crate::augment::AugmentConfig;
 use crate::discriminator::{DiscriminatorConfig, PATCH, SMALLEST_PATCH};
@@ -165,8 +165,8 @@ impl Default for PictureSettings {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// Split the prepared set must be of.
-    pub split: Split,
+    /// What the prepared set must be made of: a split of KITTI or another collection.
+    pub split: Content,
     /// How the baseline of the adversarial term is chosen.
     pub variant: Variant,
     /// Which objective is minimised.
@@ -214,7 +214,7 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            split: Split::Kitti,
+            split: Content::Kitti,
             variant: Variant::Strat,
             objective: Objective::Strat,
             epochs: 50,
@@ -647,7 +647,7 @@ mod tests {
     #[test]
     fn the_thesis_configurations_differ_from_the_defaults_as_stated() {
         assert_eq!(resolved("kitti-strat"), base());
-        for (name, split) in [("kitti", Split::Kitti), ("eigen", Split::Eigen)] {
+        for (name, split) in [("kitti", Content::Kitti), ("eigen", Content::Eigen)] {
             let of = |variant| Config {
                 split,
                 variant,
@@ -687,7 +687,7 @@ mod tests {
     #[test]
     fn the_demo_keeps_the_thesis_method() {
         let demo = resolved("demo");
-        assert_eq!(demo.split, Split::Eigen);
+        assert_eq!(demo.split, Content::Eigen);
         assert_eq!(demo.variant, Variant::Strat);
         assert_eq!(demo.objective, Objective::Strat);
         assert_eq!(demo.loss_weights(), Weights::STRAT);

@@ -63,6 +63,7 @@ impl Pair {
 enum Entry {
     Files {
         id: String,
+        drive: String,
         left: PathBuf,
         right: PathBuf,
     },
@@ -100,10 +101,15 @@ impl Pairs {
         let entries: Vec<Entry> = set
             .samples(role)?
             .into_iter()
-            .map(|sample| Entry::Files {
-                left: set.path(&sample.left),
-                right: set.path(&sample.right),
-                id: sample.id,
+            .filter_map(|sample| {
+                // A single image has nothing to be compared with.
+                let right = set.path(sample.right.as_ref()?);
+                Some(Entry::Files {
+                    left: set.path(&sample.left),
+                    right,
+                    drive: sample.drive().to_owned(),
+                    id: sample.id,
+                })
             })
             .collect();
         if entries.is_empty() {
@@ -152,7 +158,7 @@ impl Pairs {
         self.0.entries.len()
     }
 
-    /// Drives that the pairs come from, sorted. Pairs in memory and ids without a drive have none.
+    /// Drives that the pairs come from, sorted. Pairs in memory have none.
     #[must_use]
     pub fn drives(&self) -> Vec<String> {
         let drives: BTreeSet<&str> = self
@@ -160,7 +166,7 @@ impl Pairs {
             .entries
             .iter()
             .filter_map(|entry| match entry {
-                Entry::Files { id, .. } => id.split_once('/').map(|(drive, _)| drive),
+                Entry::Files { drive, .. } => Some(drive.as_str()),
                 Entry::Memory(_) => None,
             })
             .collect();
@@ -200,7 +206,9 @@ impl Pairs {
         }
         let pair = match &self.0.entries[index] {
             Entry::Memory(pair) => return Ok(Arc::clone(pair)),
-            Entry::Files { id, left, right } => {
+            Entry::Files {
+                id, left, right, ..
+            } => {
                 let pair = Pair {
                     left: read_rgb(left).map_err(|error| error.to_string())?,
                     right: read_rgb(right).map_err(|error| error.to_string())?,
@@ -547,6 +555,7 @@ mod tests {
                         .unwrap();
                 }
                 Entry::Files {
+                    drive: String::new(),
                     id: index.to_string(),
                     left: path.clone(),
                     right: path,

@@ -3,7 +3,7 @@
 //! The only crate of the workspace that knows burn. The networks, their losses and the export
 //! to ONNX are in [`generator`], [`discriminator`], [`layers`], [`sampler`], [`losses`] and
 //! [`export`]; what trains them is in [`config`], [`schedule`], [`augment`], [`data`],
-//! [`step`], [`validation`], [`checkpoint`] and [`run`]; [`cli`] is the `train` command.
+//! [`step`], [`validation`], [`tensorboard`], [`checkpoint`] and [`run`]; [`cli`] is the `train` command.
 //!
 //! Formulas and decisions are those of PROTOCOL section 4. Evaluation for the tables is not
 //! here: `bench` does it from the exported model.
@@ -26,6 +26,7 @@ pub mod run;
 pub mod sampler;
 pub mod schedule;
 pub mod step;
+pub mod tensorboard;
 pub mod validation;
 
 pub use error::{Error, Result};

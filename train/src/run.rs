@@ -2,7 +2,7 @@
 //!
 //! The run folder holds the resolved configuration (`config.yaml`), what it was run with
 //! (`run.json`), every loss term of every step (`scalars.csv`), validation scores
-//! (`validation.csv`), `checkpoints/`, `pictures/` and, at the end, `model.onnx`. The model
+//! (`validation.csv`), `checkpoints/`, `pictures/`, `tensorboard/` and, at the end, `model.onnx`. The model
 //! is the network after the last step; the best checkpoint by validation is kept as well
 //! (PROTOCOL 4.6, model selection: the last epoch).
 //!
@@ -31,6 +31,7 @@ use crate::device::DeviceChoice;
 use crate::error::{Error, Result};
 use crate::generator::Generator;
 use crate::step::{Networks, StepReport};
+use crate::tensorboard::EventWriter;
 use crate::validation::{Scores, Validation};
 
 const CONFIG: &str = "config.yaml";
@@ -39,6 +40,9 @@ const SCALARS: &str = "scalars.csv";
 const VALIDATION: &str = "validation.csv";
 const CHECKPOINTS: &str = "checkpoints";
 const PICTURES: &str = "pictures";
+
+/// Event files for TensorBoard.
+const EVENTS: &str = "tensorboard";
 /// Name of the exported model in the run folder.
 pub const MODEL: &str = "model.onnx";
 
@@ -110,8 +114,8 @@ pub struct RunInfo {
     pub config_digest: String,
     /// Digest of the prepared set.
     pub data_digest: String,
-    /// Digest of the split.
-    pub split_digest: String,
+    /// Digest of the split, where the data is a split of KITTI.
+    pub split_digest: Option<String>,
     /// "kitti" or "rendered".
     pub source: String,
     /// Kernel that the prepared images were resized with.
@@ -136,10 +140,10 @@ pub fn run(options: &Options) -> Result<Outcome> {
     let folder = Folder::new(options.out.clone());
     let existing = folder.examine(options)?;
     let set = PreparedSet::open(&options.data)?;
-    if set.manifest.split != config.split {
+    if set.manifest.content != config.split {
         return Err(Error::WrongSplit {
             root: options.data.clone(),
-            found: set.manifest.split.to_string(),
+            found: set.manifest.content.to_string(),
             wanted: config.split.to_string(),
         });
     }
@@ -378,14 +382,17 @@ impl Folder {
                 reason: format!("there is no {RUN}, so nothing can be resumed"),
             });
         }
-        if !is_run && self.root.exists() && fs_err::read_dir(&self.root)?.next().is_some() {
-            return Err(Error::NotARun(self.root.clone()));
+        if !is_run && self.root.exists() {
+            // What a run leaves that was killed while it began is no reason to refuse.
+            let begun = |name: &str| name == CONFIG || name.starts_with(files::UNFINISHED_PREFIX);
+            for entry in fs_err::read_dir(&self.root)? {
+                if !begun(&entry?.file_name().to_string_lossy()) {
+                    return Err(Error::NotARun(self.root.clone()));
+                }
+            }
         }
         // Find out now, not after hours, whether the folder can be written.
-        fs_err::create_dir_all(&self.root)?;
-        let probe = self.path(".writable");
-        fs_err::write(&probe, b"")?;
-        fs_err::remove_file(&probe)?;
+        files::check_writable(&self.root)?;
         Ok(is_run)
     }
 
@@ -453,7 +460,7 @@ impl Folder {
                     fs_err::remove_file(path)?;
                 }
             }
-            for name in [CHECKPOINTS, PICTURES] {
+            for name in [CHECKPOINTS, PICTURES, EVENTS] {
                 let path = self.path(name);
                 if path.exists() {
                     fs_err::remove_dir_all(path)?;
@@ -538,6 +545,15 @@ fn scalars(report: &StepReport) -> Vec<String> {
         .map(|value| value.to_string()),
     );
     cells
+}
+
+/// The numbers of a table's line with the names of their columns; a line without depth has gaps.
+fn tagged<'a>(
+    header: &'static str,
+    cells: &'a [String],
+) -> impl Iterator<Item = (&'static str, f64)> + 'a {
+    let named = header.split(',').zip(cells).skip(1);
+    named.filter_map(|(name, cell)| Some((name, cell.parse().ok()?)))
 }
 
 const VALIDATION_HEADER: &str =
@@ -680,6 +696,7 @@ impl Session<'_> {
         let mut validation_table = self.folder.table(VALIDATION, VALIDATION_HEADER, |step| {
             step < first && (step + 1).is_multiple_of(steps_per_epoch)
         })?;
+        let mut events = EventWriter::create(&self.folder.path(EVENTS), first)?;
         let mut loader = Loader::start(pairs.clone(), plan, first, end)?;
         let progress = Progress::new(
             "training",
@@ -700,7 +717,9 @@ impl Session<'_> {
                 progress.println(warning);
             }
             let report = networks.step(config, &weights, batches, step, steps_per_epoch)?;
-            scalars_table.line(&scalars(&report))?;
+            let cells = scalars(&report);
+            scalars_table.line(&cells)?;
+            events.scalars(step, tagged(SCALARS_HEADER, &cells))?;
             means.add(&report);
             if let Some(sentence) = collapse.watch(&report) {
                 progress.println(&sentence);
@@ -729,7 +748,9 @@ impl Session<'_> {
                     let generator = networks.generator();
                     if due(config.validation.every) {
                         let new = validation.score(&generator, config, &self.device)?;
-                        validation_table.line(&validation_line(step, epoch, &new))?;
+                        let cells = validation_line(step, epoch, &new);
+                        validation_table.line(&cells)?;
+                        events.scalars(step, tagged(VALIDATION_HEADER, &cells))?;
                         let (name, value) = new.deciding();
                         line.push_str(&format!("; validation {name} {value:.4}"));
                         improved = self.note_score(name, value, epoch);
@@ -737,7 +758,27 @@ impl Session<'_> {
                     }
                     if due(config.pictures.every) {
                         let folder = self.folder.path(PICTURES);
-                        validation.pictures(&generator, config, &self.device, &folder, epoch)?;
+                        let discriminator = networks.discriminator();
+                        for shown in validation.pictures(
+                            &generator,
+                            discriminator.as_ref(),
+                            report.baseline,
+                            config,
+                            &self.device,
+                        ) {
+                            shown.write(&folder, epoch)?;
+                            for (what, picture) in [
+                                ("left", Some(&shown.left)),
+                                ("disparity", Some(&shown.disparity)),
+                                ("right at b", Some(&shown.synthesised)),
+                                ("discriminator, real and made", shown.judged.as_ref()),
+                            ] {
+                                if let Some(picture) = picture {
+                                    let tag = format!("{}/{what}", shown.id);
+                                    events.picture(step, &tag, picture)?;
+                                }
+                            }
+                        }
                     }
                 }
                 // The bar's own lines are shown even when quiet; this one is no warning.

@@ -161,6 +161,14 @@ impl Networks {
         self.generator.valid()
     }
 
+    /// The discriminator without gradients and dropout, to look at what it thinks.
+    #[must_use]
+    pub fn discriminator(&self) -> Option<Discriminator> {
+        self.adversary
+            .as_ref()
+            .map(|adversary| adversary.network.valid())
+    }
+
     /// Number of trained values: generator, discriminator.
     #[must_use]
     pub fn parameters(&self) -> (usize, usize) {

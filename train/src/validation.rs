@@ -25,6 +25,7 @@ use strat_store::{exr, files, resize};
 use crate::augment::Augmentation;
 use crate::config::Config;
 use crate::data::Pair;
+use crate::discriminator::{ColourFactors, Discriminator, Patches};
 use crate::error::{Error, Result};
 use crate::generator::Generator;
 use crate::losses::{Weights, scalar, stereo_losses, synthesize};
@@ -79,7 +80,8 @@ impl Validation {
         }
         let protocol = strat_metrics::protocol(&config.validation.protocol)
             .ok_or_else(|| Error::Config("unknown validation protocol".to_owned()))?;
-        let all = set.samples(Role::Val)?;
+        let mut all = set.samples(Role::Val)?;
+        all.retain(|sample| sample.right.is_some());
         let wanted = match config.validation.images {
             0 => all.len(),
             images => images.min(all.len()),
@@ -91,8 +93,10 @@ impl Validation {
             .into_par_iter()
             .map(|sample| {
                 let view = |file| read_rgb(&set.path(file)).map_err(|error| error.to_string());
-                let pair = view(&sample.left)
-                    .and_then(|left| view(&sample.right).map(|right| Pair { left, right }));
+                let pair = view(&sample.left).and_then(|left| {
+                    let right = sample.right.as_ref().ok_or("it has no right image")?;
+                    view(right).map(|right| Pair { left, right })
+                });
                 (sample, pair)
             })
             .collect();
@@ -199,36 +203,108 @@ impl Validation {
         }
     }
 
-    /// Writes pictures of the first pairs into `folder`: left image, its disparity, and the
-    /// right view synthesised from it, one below the other.
+    /// What the networks make of a few pairs spread over the validation set.
     ///
-    /// # Errors
-    /// When a file cannot be written.
+    /// The right view is synthesised at `baseline`, a fraction of the rig's, as the discriminator
+    /// sees it in training (PROTOCOL 4.3).
+    #[must_use]
     pub fn pictures(
         &self,
         generator: &Generator,
+        discriminator: Option<&Discriminator>,
+        baseline: f64,
         config: &Config,
         device: &Device,
-        folder: &Path,
-        epoch: u64,
-    ) -> Result<()> {
+    ) -> Vec<Pictures> {
         let shown = config.pictures.images.min(self.samples.len());
-        for index in 0..shown {
+        let picture = |index: usize| {
             let (sample, pair) = &self.samples[index * self.samples.len() / shown];
             let (left, right) = tensors(std::iter::once(&**pair), config, device);
             let disparities = generator.forward(left.clone());
-            let (synthesised, _) = synthesize(left, right, disparities[0].clone(), 1.0);
-            let map = &disparity_maps(&disparities[0])[0];
+            let (synthesised, _) =
+                synthesize(left, right.clone(), disparities[0].clone(), baseline);
+            let judged = discriminator.map(|network| {
+                judge(
+                    network,
+                    [right, synthesised.clone()],
+                    config.discriminator.patch,
+                )
+            });
             let values: Vec<f32> = synthesised.into_data().iter::<f32>().collect();
-            let picture = stack(&pair.left, map, &values);
-            let name = format!(
-                "epoch-{epoch:04}-{}.png",
-                sample.id.replace(['/', '\\'], "-")
-            );
-            files::write_atomic(&folder.join(name), &encode_png_rgb(&picture))?;
+            let (width, height) = pair.left.dimensions();
+            Pictures {
+                id: sample.id.clone(),
+                left: pair.left.clone(),
+                disparity: coloured(&disparity_maps(&disparities[0])[0]),
+                synthesised: view_of(&values, width, height),
+                judged,
+            }
+        };
+        (0..shown).map(picture).collect()
+    }
+}
+
+/// Pictures of one validation pair.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pictures {
+    /// The pair.
+    pub id: String,
+    /// Left image.
+    pub left: RgbImage,
+    /// Disparity of the left image; white is a tenth of the width or more.
+    pub disparity: RgbImage,
+    /// The right view made from it.
+    pub synthesised: RgbImage,
+    /// What the discriminator says of the middle patch of the real right view (left half) and
+    /// of the synthesised one (right half): white where it takes it for real.
+    pub judged: Option<RgbImage>,
+}
+
+impl Pictures {
+    /// Writes left image, disparity and synthesised view, one below the other.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn write(&self, folder: &Path, epoch: u64) -> Result<()> {
+        let name = format!("epoch-{epoch:04}-{}.png", self.id.replace(['/', '\\'], "-"));
+        let (width, height) = self.left.dimensions();
+        let mut stack = RgbImage::new(width, 3 * height);
+        for (row, part) in (0..).zip([&self.left, &self.disparity, &self.synthesised]) {
+            image::imageops::replace(&mut stack, part, 0, i64::from(row * height));
         }
+        files::write_atomic(&folder.join(name), &encode_png_rgb(&stack))?;
         Ok(())
     }
+}
+
+/// Side in pixels of a cell of the discriminator's grid as it is shown.
+const CELL: u32 = 16;
+
+/// Grid of the discriminator's verdicts for the middle patches of two views, side by side.
+fn judge(network: &Discriminator, views: [Tensor<4>; 2], patch: usize) -> RgbImage {
+    let [_, _, height, width] = views[0].dims();
+    let size = patch.min(height).min(width);
+    let patches = Patches {
+        size,
+        rows: vec![(height - size) / 2; 2],
+        columns: vec![(width - size) / 2; 2],
+    };
+    let unchanged = ColourFactors(vec![[1.0; 3]; 2]);
+    let logits = network.forward(patches.cut(Tensor::cat(views.into(), 0), &unchanged));
+    let side = logits.dims()[3] as u32;
+    let values: Vec<f32> = logits.into_data().iter::<f32>().collect();
+    // A column of blue keeps the two grids apart.
+    RgbImage::from_fn((2 * side + 1) * CELL, side * CELL, |x, y| {
+        let (column, row) = (x / CELL, y / CELL);
+        let (view, column) = match column {
+            c if c < side => (0, c),
+            c if c == side => return image::Rgb([40, 60, 160]),
+            c => (1, c - side - 1),
+        };
+        let logit = values[(view * side * side + row * side + column) as usize];
+        let real = 1.0 / (1.0 + (-logit).exp());
+        image::Rgb([(255.0 * real).round() as u8; 3])
+    })
 }
 
 fn truth_file<'a>(
@@ -300,22 +376,23 @@ fn mean(metrics: &[Metrics]) -> Option<Metrics> {
     Some(Metrics::from_array(sum))
 }
 
-fn stack(left: &RgbImage, disparity: &Plane, synthesised: &[f32]) -> RgbImage {
-    let (width, height) = left.dimensions();
+fn coloured(disparity: &Plane) -> RgbImage {
+    RgbImage::from_fn(disparity.width as u32, disparity.height as u32, |x, y| {
+        let value = disparity.data[y as usize * disparity.width + x as usize];
+        let share = (f64::from(value) / WHITE_DISPARITY).clamp(0.0, 1.0);
+        let colour = MAGMA.eval_continuous(share);
+        image::Rgb([colour.r, colour.g, colour.b])
+    })
+}
+
+/// An image from planes of red, green and blue in 0..1.
+fn view_of(values: &[f32], width: u32, height: u32) -> RgbImage {
     let pixels = (width * height) as usize;
-    RgbImage::from_fn(width, 3 * height, |x, y| {
-        let at = ((y % height) * width + x) as usize;
-        match y / height {
-            0 => *left.get_pixel(x, y),
-            1 => {
-                let share = (f64::from(disparity.data[at]) / WHITE_DISPARITY).clamp(0.0, 1.0);
-                let colour = MAGMA.eval_continuous(share);
-                image::Rgb([colour.r, colour.g, colour.b])
-            }
-            _ => image::Rgb(std::array::from_fn(|channel| {
-                (synthesised[channel * pixels + at].clamp(0.0, 1.0) * 255.0).round() as u8
-            })),
-        }
+    RgbImage::from_fn(width, height, |x, y| {
+        let at = (y * width + x) as usize;
+        image::Rgb(std::array::from_fn(|channel| {
+            (values[channel * pixels + at].clamp(0.0, 1.0) * 255.0).round() as u8
+        }))
     })
 }
 
@@ -325,13 +402,21 @@ mod tests {
 
     #[test]
     fn pictures_stack_image_disparity_and_synthesised_view() {
-        let left = RgbImage::from_pixel(2, 1, image::Rgb([9, 8, 7]));
         let map = Plane {
             width: 2,
             height: 1,
             data: vec![0.0, 1.0],
         };
-        let picture = stack(&left, &map, &[0.0, 1.0, 0.5, 0.5, 2.0, -1.0]);
+        let pictures = Pictures {
+            id: "drive/1".to_owned(),
+            left: RgbImage::from_pixel(2, 1, image::Rgb([9, 8, 7])),
+            disparity: coloured(&map),
+            synthesised: view_of(&[0.0, 1.0, 0.5, 0.5, 2.0, -1.0], 2, 1),
+            judged: None,
+        };
+        let folder = tempfile::tempdir().unwrap();
+        pictures.write(folder.path(), 3).unwrap();
+        let picture = read_rgb(&folder.path().join("epoch-0003-drive-1.png")).unwrap();
         assert_eq!(picture.dimensions(), (2, 3));
         assert_eq!(picture.get_pixel(1, 0).0, [9, 8, 7]);
         let black = picture.get_pixel(0, 1).0;

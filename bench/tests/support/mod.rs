@@ -94,23 +94,22 @@ pub fn write_set(root: &Path, split: Split, tests: u32, with_labels: bool) -> Pr
             let stereo_m = (FOCAL_PX * 0.54 / DISPARITY_PX) as f32;
             let kitti = split == Split::Kitti;
             let at = |kind: &str| format!("{kind}/{stem}.exr");
+            let left = picture(
+                root,
+                &format!("l/{stem}.png"),
+                INPUT_WIDTH,
+                INPUT_HEIGHT,
+                grey,
+            );
             Sample {
-                left: picture(
-                    root,
-                    &format!("l/{stem}.png"),
-                    INPUT_WIDTH,
-                    INPUT_HEIGHT,
-                    grey,
-                ),
-                right: picture(
+                right: Some(picture(
                     root,
                     &format!("r/{stem}.png"),
                     INPUT_WIDTH,
                     INPUT_HEIGHT,
                     grey,
-                ),
+                )),
                 left_full: Some(picture(root, &format!("f/{stem}.png"), WIDTH, HEIGHT, grey)),
-                right_full: None,
                 depth_noc: kitti.then(|| depth(root, &at("noc"), &id, 0.54, stereo_m)),
                 depth_occ: kitti.then(|| depth(root, &at("occ"), &id, 0.54, stereo_m)),
                 depth_velodyne: (!kitti)
@@ -118,12 +117,7 @@ pub fn write_set(root: &Path, split: Split, tests: u32, with_labels: bool) -> Pr
                 depth_camera: (!kitti)
                     .then(|| depth(root, &at("cam"), &id, BASELINE_M, SCAN_DEPTH_M - 0.25)),
                 semantic: with_labels.then(|| labels(root, &format!("s/{stem}.png"))),
-                instance: None,
-                id,
-                width: WIDTH,
-                height: HEIGHT,
-                focal_px: FOCAL_PX,
-                baseline_m: BASELINE_M,
+                ..Sample::new(id, (WIDTH, HEIGHT), FOCAL_PX, BASELINE_M, left)
             }
         })
         .collect();
@@ -131,38 +125,27 @@ pub fn write_set(root: &Path, split: Split, tests: u32, with_labels: bool) -> Pr
     let train: Vec<Sample> = (0..3_u32)
         .map(|index| {
             let id = format!("2011_09_26_drive_0001/{index:010}");
+            let left = picture(
+                root,
+                &format!("tl/{index}.png"),
+                INPUT_WIDTH,
+                INPUT_HEIGHT,
+                9,
+            );
             Sample {
-                left: picture(
-                    root,
-                    &format!("tl/{index}.png"),
-                    INPUT_WIDTH,
-                    INPUT_HEIGHT,
-                    9,
-                ),
-                right: picture(
+                right: Some(picture(
                     root,
                     &format!("tr/{index}.png"),
                     INPUT_WIDTH,
                     INPUT_HEIGHT,
                     9,
-                ),
-                left_full: None,
-                right_full: None,
-                depth_noc: None,
-                depth_occ: None,
+                )),
                 // 8 m, 10 m, 12 m: the median is the true depth of the test scans.
                 depth_velodyne: (split == Split::Eigen).then(|| {
                     let depth_m = 8.0 + 2.0 * index as f32;
                     depth(root, &format!("td/{index}.exr"), &id, BASELINE_M, depth_m)
                 }),
-                depth_camera: None,
-                semantic: None,
-                instance: None,
-                id,
-                width: WIDTH,
-                height: HEIGHT,
-                focal_px: FOCAL_PX,
-                baseline_m: BASELINE_M,
+                ..Sample::new(id, (WIDTH, HEIGHT), FOCAL_PX, BASELINE_M, left)
             }
         })
         .collect();
@@ -173,8 +156,8 @@ pub fn write_set(root: &Path, split: Split, tests: u32, with_labels: bool) -> Pr
     };
     let manifest = Manifest {
         format: FORMAT,
-        split,
-        split_digest: "test".to_owned(),
+        content: split.into(),
+        split_digest: Some("test".to_owned()),
         source: "rendered".to_owned(),
         image_width: INPUT_WIDTH,
         image_height: INPUT_HEIGHT,

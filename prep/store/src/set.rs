@@ -12,6 +12,7 @@
 //! CSV files, so the manifest's digest identifies the whole content.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::{Component, Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -22,7 +23,7 @@ use crate::resize::Kernel;
 use crate::{files, yaml};
 
 /// The format this version writes and reads.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// File name of the manifest.
 pub const MANIFEST: &str = "manifest.yaml";
@@ -39,20 +40,20 @@ pub struct FileRef {
 /// A stereo pair and what belongs to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
-    /// `2011_09_26_drive_0001/0000000005` or `kitti2015/000006`.
+    /// Place and frame: `2011_09_26_drive_0001/0000000005` or `kitti2015/000006`.
     pub id: String,
     /// Width in pixels of the native image.
     pub width: u32,
     /// Height in pixels of the native image.
     pub height: u32,
-    /// Focal length in pixels of the native image, from calibration.
+    /// Focal length in pixels of the native image, from calibration; 0 where it is not known.
     pub focal_px: f64,
-    /// Distance in metres between the cameras, from calibration.
+    /// Distance in metres between the cameras, from calibration; 0 where it is not known.
     pub baseline_m: f64,
-    /// Left image at network size.
+    /// Left (or only) image at network size.
     pub left: FileRef,
-    /// Right image at network size.
-    pub right: FileRef,
+    /// Right image at network size; single images have none.
+    pub right: Option<FileRef>,
     /// Untouched left image.
     pub left_full: Option<FileRef>,
     /// Untouched right image.
@@ -63,12 +64,122 @@ pub struct Sample {
     pub depth_occ: Option<FileRef>,
     /// Velodyne ground truth along the scanner's x axis, EXR.
     pub depth_velodyne: Option<FileRef>,
-    /// Velodyne ground truth along the optical axis, EXR.
+    /// Velodyne ground truth along the optical axis, EXR; of own pairs, their ground truth.
     pub depth_camera: Option<FileRef>,
+    /// Annotated ("improved") ground truth of KITTI depth, EXR.
+    pub depth_annotated: Option<FileRef>,
+    /// Laser grid of Make3D, EXR; smaller than the image.
+    pub depth_laser: Option<FileRef>,
     /// Label ids, 8-bit PNG.
     pub semantic: Option<FileRef>,
     /// Instance ids, 16-bit PNG.
     pub instance: Option<FileRef>,
+}
+
+impl Sample {
+    /// A sample with its left image and nothing else; the other files are set by field.
+    pub fn new(
+        id: impl Into<String>,
+        (width, height): (u32, u32),
+        focal_px: f64,
+        baseline_m: f64,
+        left: FileRef,
+    ) -> Self {
+        Self {
+            id: id.into(),
+            width,
+            height,
+            focal_px,
+            baseline_m,
+            left,
+            right: None,
+            left_full: None,
+            right_full: None,
+            depth_noc: None,
+            depth_occ: None,
+            depth_velodyne: None,
+            depth_camera: None,
+            depth_annotated: None,
+            depth_laser: None,
+            semantic: None,
+            instance: None,
+        }
+    }
+
+    /// Where it was taken: what stands before the slash of its id, e.g. a drive of KITTI raw.
+    /// An id without a slash is a place of its own.
+    pub fn drive(&self) -> &str {
+        self.id.split_once('/').map_or(&self.id, |(drive, _)| drive)
+    }
+
+    /// Every file it refers to, with the name of its column.
+    pub fn files(&self) -> impl Iterator<Item = (&'static str, &FileRef)> {
+        let left = [("left", Some(&self.left))].into_iter();
+        left.chain(OPTIONAL_FILES.map(|(name, column)| (name, (column.get)(self).as_ref())))
+            .filter_map(|(name, file)| Some((name, file?)))
+    }
+}
+
+/// What a set was made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Content {
+    /// The KITTI split, tested on stereo 2015.
+    Kitti,
+    /// The Eigen split of KITTI raw.
+    Eigen,
+    /// A user's own rectified stereo pairs.
+    Pairs,
+    /// The Make3D test images.
+    Make3d,
+    /// Cityscapes.
+    Cityscapes,
+}
+
+impl Content {
+    /// All kinds.
+    pub const ALL: [Self; 5] = [
+        Self::Kitti,
+        Self::Eigen,
+        Self::Pairs,
+        Self::Make3d,
+        Self::Cityscapes,
+    ];
+
+    /// The name in manifests and configurations.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Kitti => "kitti",
+            Self::Eigen => "eigen",
+            Self::Pairs => "pairs",
+            Self::Make3d => "make3d",
+            Self::Cityscapes => "cityscapes",
+        }
+    }
+
+    /// The split of KITTI it is, if it is one.
+    pub fn split(self) -> Option<Split> {
+        match self {
+            Self::Kitti => Some(Split::Kitti),
+            Self::Eigen => Some(Split::Eigen),
+            Self::Pairs | Self::Make3d | Self::Cityscapes => None,
+        }
+    }
+}
+
+impl From<Split> for Content {
+    fn from(split: Split) -> Self {
+        match split {
+            Split::Kitti => Self::Kitti,
+            Split::Eigen => Self::Eigen,
+        }
+    }
+}
+
+impl fmt::Display for Content {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
+    }
 }
 
 /// Samples a role should have and has.
@@ -103,11 +214,12 @@ pub struct CameraEntry {
 pub struct Manifest {
     /// Version of this layout, see [`FORMAT`].
     pub format: u32,
-    /// The split it was made for.
-    pub split: Split,
-    /// Digest of that split's lists.
-    pub split_digest: String,
-    /// `kitti` for recorded, `rendered` for synthetic data.
+    /// What it was made of: a split of KITTI or another collection.
+    pub content: Content,
+    /// Digest of that split's lists; collections that are no split of KITTI have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub split_digest: Option<String>,
+    /// `kitti` for recorded, `rendered` for synthetic data, else the name of the collection.
     pub source: String,
     /// Width in pixels of the network-size images.
     pub image_width: u32,
@@ -115,7 +227,7 @@ pub struct Manifest {
     pub image_height: u32,
     /// Kernel that made the network-size images.
     pub kernel: Kernel,
-    /// How they are stored, e.g. `png`.
+    /// How they are stored: `png`, or `jpeg-92` with the quality.
     pub codec: String,
     /// Samples expected and found per role.
     pub counts: BTreeMap<Role, Count>,
@@ -147,17 +259,31 @@ pub struct PreparedSet {
     pub manifest: Manifest,
 }
 
-/// File columns of a table: name, access.
-type FileColumn = (&'static str, fn(&mut Sample) -> &mut Option<FileRef>);
-const OPTIONAL_FILES: [FileColumn; 8] = [
-    ("left_full", |s| &mut s.left_full),
-    ("right_full", |s| &mut s.right_full),
-    ("depth_noc", |s| &mut s.depth_noc),
-    ("depth_occ", |s| &mut s.depth_occ),
-    ("depth_velodyne", |s| &mut s.depth_velodyne),
-    ("depth_camera", |s| &mut s.depth_camera),
-    ("semantic", |s| &mut s.semantic),
-    ("instance", |s| &mut s.instance),
+/// An optional file column of a table.
+struct FileColumn {
+    get: fn(&Sample) -> &Option<FileRef>,
+    set: fn(&mut Sample) -> &mut Option<FileRef>,
+}
+
+macro_rules! file_columns {
+    ($($name:ident),*) => {
+        [$((stringify!($name), FileColumn { get: |s| &s.$name, set: |s| &mut s.$name })),*]
+    };
+}
+
+/// Names of the optional file columns and access to them, in the order of the table.
+const OPTIONAL_FILES: [(&str, FileColumn); 11] = file_columns![
+    right,
+    left_full,
+    right_full,
+    depth_noc,
+    depth_occ,
+    depth_velodyne,
+    depth_camera,
+    depth_annotated,
+    depth_laser,
+    semantic,
+    instance
 ];
 
 impl PreparedSet {
@@ -276,7 +402,7 @@ fn columns() -> Vec<String> {
     let mut columns: Vec<_> = ["id", "width", "height", "focal_px", "baseline_m"]
         .map(String::from)
         .into();
-    let files = ["left", "right"]
+    let files = ["left"]
         .into_iter()
         .chain(OPTIONAL_FILES.iter().map(|(name, _)| *name));
     columns.extend(files.flat_map(|name| [name.to_owned(), format!("{name}_blake3")]));
@@ -287,7 +413,6 @@ fn table_bytes(samples: &[Sample]) -> Vec<u8> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     let mut rows = vec![columns()];
     for sample in samples {
-        let mut sample = sample.clone();
         let mut row = vec![
             sample.id.clone(),
             sample.width.to_string(),
@@ -295,11 +420,9 @@ fn table_bytes(samples: &[Sample]) -> Vec<u8> {
             sample.focal_px.to_string(),
             sample.baseline_m.to_string(),
         ];
-        for file in [&sample.left, &sample.right] {
-            row.extend([file.path.clone(), file.blake3.clone()]);
-        }
-        for (_, file) in OPTIONAL_FILES {
-            match file(&mut sample) {
+        row.extend([sample.left.path.clone(), sample.left.blake3.clone()]);
+        for (_, column) in OPTIONAL_FILES {
+            match (column.get)(sample) {
                 Some(file) => row.extend([file.path.clone(), file.blake3.clone()]),
                 None => row.extend([String::new(), String::new()]),
             }
@@ -354,13 +477,10 @@ fn parse_row(record: &csv::StringRecord) -> std::result::Result<Sample, String> 
         return Err("`id` is empty".to_owned());
     }
     let (width, height) = (positive("width", next())?, positive("height", next())?);
-    let (focal_px, baseline_m): (f64, f64) = (
-        positive("focal_px", next())?,
-        positive("baseline_m", next())?,
+    let (focal_px, baseline_m) = (
+        known_or_zero("focal_px", next())?,
+        known_or_zero("baseline_m", next())?,
     );
-    if !(focal_px.is_finite() && baseline_m.is_finite()) {
-        return Err("`focal_px` and `baseline_m` should be finite".to_owned());
-    }
     let mut file = |name: &str| -> std::result::Result<Option<FileRef>, String> {
         let (path, blake3) = (next(), next());
         if path.is_empty() {
@@ -386,28 +506,22 @@ fn parse_row(record: &csv::StringRecord) -> std::result::Result<Sample, String> 
         }))
     };
     let left = file("left")?.ok_or("`left` is empty")?;
-    let right = file("right")?.ok_or("`right` is empty")?;
-    let mut sample = Sample {
-        id,
-        width,
-        height,
-        focal_px,
-        baseline_m,
-        left,
-        right,
-        left_full: None,
-        right_full: None,
-        depth_noc: None,
-        depth_occ: None,
-        depth_velodyne: None,
-        depth_camera: None,
-        semantic: None,
-        instance: None,
-    };
-    for (name, slot) in OPTIONAL_FILES {
-        *slot(&mut sample) = file(name)?;
+    let mut sample = Sample::new(id, (width, height), focal_px, baseline_m, left);
+    for (name, column) in OPTIONAL_FILES {
+        *(column.set)(&mut sample) = file(name)?;
     }
     Ok(sample)
+}
+
+/// A length of the camera, or 0 where it is not known.
+fn known_or_zero(name: &str, text: &str) -> std::result::Result<f64, String> {
+    let number = text
+        .parse()
+        .ok()
+        .filter(|n: &f64| n.is_finite() && *n >= 0.0);
+    number.ok_or_else(|| {
+        format!("`{name}` should be a positive number, or 0 if it is not known, but is `{text}`")
+    })
 }
 
 #[cfg(test)]
@@ -422,31 +536,22 @@ mod tests {
     }
 
     fn sample(id: &str) -> Sample {
+        // The baseline is not a short decimal: it must survive being written as text.
+        let left = file("images/d/left/0000000005.png");
         Sample {
-            id: id.to_owned(),
-            width: 1242,
-            height: 375,
-            focal_px: 721.5377,
-            // Not a short decimal: must survive being written as text.
-            baseline_m: 0.1 + 0.2,
-            left: file("images/d/left/0000000005.png"),
-            right: file("images/d/right/0000000005.png"),
+            right: Some(file("images/d/right/0000000005.png")),
             left_full: Some(file("full/d/left/0000000005.jpg")),
-            right_full: None,
-            depth_noc: None,
-            depth_occ: None,
             depth_velodyne: Some(file("depth/velodyne/d/0000000005.exr")),
-            depth_camera: None,
-            semantic: None,
             instance: Some(file("labels/instance/1.png")),
+            ..Sample::new(id, (1242, 375), 721.5377, 0.1 + 0.2, left)
         }
     }
 
     fn manifest() -> Manifest {
         Manifest {
             format: FORMAT,
-            split: Split::Eigen,
-            split_digest: strat_splits::digest(Split::Eigen),
+            content: Content::Eigen,
+            split_digest: Some(strat_splits::digest(Split::Eigen)),
             source: "kitti".to_owned(),
             image_width: 512,
             image_height: 256,
@@ -512,7 +617,7 @@ mod tests {
         );
         let text = std::fs::read_to_string(folder.path().join(MANIFEST)).unwrap();
         assert!(
-            text.contains("split: eigen")
+            text.contains("content: eigen")
                 && text.contains("kernel: area")
                 && text.contains("train:"),
             "{text}"
@@ -554,8 +659,8 @@ mod tests {
         written(root);
         let path = root.join(MANIFEST);
         let text = std::fs::read_to_string(&path).unwrap();
-        std::fs::write(&path, text.replace("format: 1", "format: 2\nnews: 1")).unwrap();
-        assert!(problem().contains("format 2"), "{}", problem());
+        std::fs::write(&path, text.replace("format: 2", "format: 3\nnews: 1")).unwrap();
+        assert!(problem().contains("format 3"), "{}", problem());
         std::fs::write(&path, text.replace("kernel: area", "kernel: cubic")).unwrap();
         assert!(
             problem().contains("kernel") && problem().contains("line"),
@@ -584,7 +689,12 @@ mod tests {
                 "`width` should be a positive number, but is `-4`",
             ),
             (good.replacen("721.5377", "NaN", 1), 2, "focal_px"),
-            (good.replacen("721.5377", "inf", 1), 2, "finite"),
+            (good.replacen("721.5377", "inf", 1), 2, "focal_px"),
+            (
+                good.replacen("721.5377", "-1", 1),
+                2,
+                "0 if it is not known",
+            ),
             (
                 good.replacen("images/d/left", "../../etc", 1),
                 2,

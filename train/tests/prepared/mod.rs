@@ -10,7 +10,7 @@ use strat_store::files::{blake3_file, write_atomic};
 use strat_store::image_files::encode_png_rgb;
 use strat_store::raster::Plane;
 use strat_store::resize::Kernel;
-use strat_store::set::{Count, FORMAT, FileRef, Manifest, PreparedSet, Sample};
+use strat_store::set::{Content, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample};
 
 pub const WIDTH: u32 = 128;
 pub const HEIGHT: u32 = 64;
@@ -58,22 +58,17 @@ fn sample(root: &Path, role: Role, index: u32) -> Sample {
         let blake3 = blake3_file(&root.join(&path)).unwrap();
         FileRef { path, blake3 }
     });
+    let at = |side: &str| format!("{stem}/{side}/{index:010}.png");
     Sample {
-        id: format!("2011_09_26_drive_0001/{index:010}"),
-        width: WIDTH,
-        height: HEIGHT,
-        focal_px: FOCAL_PX,
-        baseline_m: BASELINE_M,
-        left: file(root, format!("{stem}/left/{index:010}.png"), &left),
-        right: file(root, format!("{stem}/right/{index:010}.png"), &right),
-        left_full: None,
-        right_full: None,
-        depth_noc: None,
-        depth_occ: None,
+        right: Some(file(root, at("right"), &right)),
         depth_velodyne,
-        depth_camera: None,
-        semantic: None,
-        instance: None,
+        ..Sample::new(
+            format!("2011_09_26_drive_0001/{index:010}"),
+            (WIDTH, HEIGHT),
+            FOCAL_PX,
+            BASELINE_M,
+            file(root, at("left"), &left),
+        )
     }
 }
 
@@ -104,8 +99,8 @@ pub fn write(root: &Path, train: u32, val: u32) -> PreparedSet {
         .collect();
     let manifest = Manifest {
         format: FORMAT,
-        split: Split::Kitti,
-        split_digest: strat_splits::digest(Split::Kitti),
+        content: Content::Kitti,
+        split_digest: Some(strat_splits::digest(Split::Kitti)),
         source: "rendered".to_owned(),
         image_width: WIDTH,
         image_height: HEIGHT,
