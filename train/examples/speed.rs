@@ -2,6 +2,8 @@
 //!
 //! `cargo run -p strat-train --example speed [-- steps]`. Prints the best of several runs in
 //! milliseconds: forward, and forward with backward. Measure on a quiet machine.
+//! `speed one WIDTH COLUMNS ROWS BATCH STEPS` times one kind of step; `tests/peers/train_step.py`
+//! sets it beside the same step in PyTorch.
 #![allow(clippy::print_stdout, reason = "printing is what this program is for")]
 
 use std::time::Instant;
@@ -196,9 +198,35 @@ fn step(width: Width, [height, columns]: [usize; 2], batch: usize, steps: usize)
     );
 }
 
+/// Highest resident memory of this process, where the system tells.
+fn peak_mib() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?;
+    line.trim()
+        .strip_suffix("kB")?
+        .trim()
+        .parse::<u64>()
+        .ok()
+        .map(|kib| kib / 1024)
+}
+
 fn main() {
     let quarter: Width = "1/4".parse().unwrap_or_default();
-    if std::env::args().nth(1).as_deref() != Some("steps") {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    if let ["one", width, columns, height, batch, steps] = words[..] {
+        let number = |text: &str| text.parse().unwrap_or(1);
+        let size = [number(height), number(columns)];
+        let width = width.parse().unwrap_or_default();
+        step(width, size, number(batch), number(steps));
+        if let Some(mib) = peak_mib() {
+            println!("highest memory, {mib} MiB");
+        }
+        return;
+    }
+    if words != ["steps"] {
         layers();
     }
     step(quarter, [64, 128], 8, 4);
