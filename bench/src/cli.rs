@@ -8,6 +8,11 @@
     reason = "results of a command belong on stdout; this is the one module that prints them"
 )]
 
+mod devices;
+mod latency;
+mod predict_images;
+mod rows_commands;
+
 use std::{
     collections::BTreeSet,
     ffi::OsString,
@@ -57,6 +62,12 @@ Examples:
       all tables the set offers, a constant baseline, and pictures
   bench protocols
       the evaluation rules by name
+  bench devices
+      what this machine can run models on, and why not on the rest
+  bench predict --model model.onnx photos --out depth --format exr,color --focal-px 721.5 --baseline-m 0.54
+      depth maps and coloured pictures of a folder of images
+  bench latency --model model.onnx --images photos --threads 1,2 --batch 1,4 --out speed
+      percentiles and throughput, from file to depth and for the session alone
 
 Models of other projects need a description beside the file (model.yaml for model.onnx):
   input:  {width: 640, height: 192, range: 0..1, mean: [0.485, 0.456, 0.406],
@@ -87,11 +98,26 @@ struct Cli {
 enum Command {
     /// Install ONNX Runtime into a folder of its own (needs python3 with pip, once)
     Setup(SetupArgs),
+    /// Show what this machine can run models on, and why not on the rest
+    Devices(devices::DevicesArgs),
+    /// Write depth, disparity or coloured pictures of images
+    Predict(predict_images::PredictArgs),
+    /// Time models over threads and batches, after MLPerf's LoadGen
+    Latency(latency::LatencyArgs),
     /// List the evaluation protocols, or state the rules of one
     Protocols {
-        /// State the rules of this protocol in words
-        name: Option<String>,
+        /// State the rules of this protocol (or YAML file) in words; `diff` compares two
+        #[arg(value_name = "NAME | diff A B")]
+        names: Vec<String>,
     },
+    /// Test the differences between models over the images both have
+    Compare(rows_commands::CompareArgs),
+    /// Add measured lines to a leaderboard, or merge leaderboards
+    Publish(rows_commands::PublishArgs),
+    /// Derive every measured line of a leaderboard again from its rows
+    VerifyLeaderboard(rows_commands::VerifyArgs),
+    /// Write the thesis' tables from rows alone
+    Render(rows_commands::RenderArgs),
 }
 
 #[derive(Debug, Args)]
@@ -118,14 +144,15 @@ struct RunArgs {
     /// Folder for rows, tables and the run record
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Further protocols for rows.csv and leaderboard.csv, by name (see `bench protocols`)
-    #[arg(long = "protocol", value_name = "NAME")]
+    /// Further protocols for rows.csv and leaderboard.csv, by name (see `bench protocols`) or as
+    /// a YAML file of your own
+    #[arg(long = "protocol", value_name = "NAME|FILE.yaml")]
     protocols: Vec<String>,
     /// Add a measured row: the median depth of the training scans at each place in the picture
     #[arg(long)]
     median_baseline: bool,
-    /// Where the model runs
-    #[arg(long, value_enum, default_value_t)]
+    /// Where the model runs: cpu, cuda, cuda:1, tensorrt, coreml or directml (see `bench devices`)
+    #[arg(long, default_value_t)]
     device: Device,
     /// Inference library; `auto` is ONNX Runtime when it is there, else the embedded one
     #[arg(long, value_enum, default_value_t)]
@@ -139,6 +166,9 @@ struct RunArgs {
     /// Threads for decoding and metrics, and for the model [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
+    /// Threads within the model [default: as many as --jobs]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
     /// No progress and no notes; warnings and errors still show
     #[arg(long)]
     quiet: bool,
@@ -167,9 +197,37 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
             ..
         } => set_up(&args),
         Cli {
-            command: Some(Command::Protocols { name }),
+            command: Some(Command::Devices(args)),
             ..
-        } => list_protocols(name.as_deref()),
+        } => devices::run(&args),
+        Cli {
+            command: Some(Command::Predict(args)),
+            ..
+        } => predict_images::run(&args, arguments),
+        Cli {
+            command: Some(Command::Latency(args)),
+            ..
+        } => latency::run(&args),
+        Cli {
+            command: Some(Command::Protocols { names }),
+            ..
+        } => list_protocols(&names),
+        Cli {
+            command: Some(Command::Compare(args)),
+            ..
+        } => rows_commands::compare(&args),
+        Cli {
+            command: Some(Command::Publish(args)),
+            ..
+        } => rows_commands::publish(&args),
+        Cli {
+            command: Some(Command::VerifyLeaderboard(args)),
+            ..
+        } => rows_commands::verify(&args),
+        Cli {
+            command: Some(Command::Render(args)),
+            ..
+        } => rows_commands::render(&args),
         Cli {
             command: None,
             run: Some(args),
@@ -266,21 +324,32 @@ fn set_up(args: &SetupArgs) -> anyhow::Result<u8> {
     Ok(DONE)
 }
 
-fn list_protocols(name: Option<&str>) -> anyhow::Result<u8> {
-    if let Some(name) = name {
-        let protocol = strat_metrics::protocol(name).ok_or_else(|| {
-            Usage(format!(
-                "there is no protocol \"{name}\"; `bench protocols` lists them"
-            ))
-        })?;
-        print(&format!(
-            "{} (version {}, digest {})\n{}\n",
-            protocol.name,
-            protocol.version,
-            protocol.digest(),
-            protocol.describe()
-        ))?;
-        return Ok(DONE);
+fn list_protocols(names: &[String]) -> anyhow::Result<u8> {
+    let resolve =
+        |name: &str| crate::protocols::resolve(name).map_err(|error| Usage(error.to_string()));
+    match names {
+        [] => {}
+        [name] if name != "diff" => {
+            let protocol = resolve(name)?;
+            print(&format!(
+                "{} (version {}, digest {})\n{}\n",
+                protocol.name,
+                protocol.version,
+                protocol.digest(),
+                protocol.describe()
+            ))?;
+            return Ok(DONE);
+        }
+        [word, a, b] if word == "diff" => {
+            print(&crate::protocols::difference(&resolve(a)?, &resolve(b)?))?;
+            return Ok(DONE);
+        }
+        _ => {
+            return Err(Usage(
+                "`bench protocols` takes nothing, one name, or `diff` and two names".to_owned(),
+            )
+            .into());
+        }
     }
     let mut text = String::new();
     for protocol in protocols() {
@@ -298,8 +367,9 @@ fn list_protocols(name: Option<&str>) -> anyhow::Result<u8> {
             tables.join(", ")
         );
     }
-    text += "\nEach name also takes -median (median scaling) and -pp (flip post-processing).\n\
-             `bench protocols NAME` states the rules.\n";
+    text += "\nEach name also takes -median (median scaling), -pp (flip post-processing) and another\n\
+             crop (-nocrop, -garg, -eigencrop). `bench protocols NAME` states the rules,\n\
+             `bench protocols diff A B` what differs.\n";
     print(&text)?;
     Ok(DONE)
 }
@@ -308,6 +378,15 @@ fn list_protocols(name: Option<&str>) -> anyhow::Result<u8> {
 struct Asked {
     name: String,
     file: PathBuf,
+}
+
+/// Which provider holds how many nodes of a graph, where the runtime tells.
+fn placement_text(placement: &[(String, usize)]) -> Option<String> {
+    let parts: Vec<String> = placement
+        .iter()
+        .map(|(provider, nodes)| format!("{nodes} nodes on {provider}"))
+        .collect();
+    (!parts.is_empty()).then(|| parts.join(", "))
 }
 
 /// Splits `[NAME=]FILE` and finds a name for those without.
@@ -429,6 +508,7 @@ fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
         .thread_name(|index| format!("bench-{index}"))
         .build()
         .context("the worker threads could not be started")?;
+    let threads = args.threads.map_or(pool.current_num_threads(), usize::from);
     let wanted = args.pictures.min(samples.len());
     let mut session = Session {
         args,
@@ -467,7 +547,7 @@ fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
             args.device
         ));
         for model in &asked {
-            evaluate_model(&mut session, model, &found, jobs)?;
+            evaluate_model(&mut session, model, &found, threads)?;
         }
         runtime = Some(found);
     }
@@ -494,6 +574,12 @@ fn evaluate_model(
     };
     let probe = check_model(session, &mut model)?;
     let Ok(probe) = probe else { return Ok(()) };
+    if let Some(placement) = placement_text(model.placement()) {
+        session.note(&format!(
+            "model {}: {placement}, {threads} threads",
+            model.name
+        ));
+    }
 
     let protocols = if model.description.output.meaning == OutputMeaning::InverseDepth {
         session.warn(format!(
@@ -791,6 +877,7 @@ fn write_results(
         records,
         warnings,
         incomplete,
+        protocols: asked_protocols,
         ..
     } = session;
     let out = &args.out;
@@ -806,7 +893,11 @@ fn write_results(
         if used.iter().any(|known| known.name == row.context.protocol) {
             continue;
         }
-        if let Some(protocol) = strat_metrics::protocol(&row.context.protocol) {
+        let asked = asked_protocols
+            .iter()
+            .flat_map(|asked| [asked.clone(), asked.clone().with_median_scaling()])
+            .find(|asked| asked.name == row.context.protocol);
+        if let Some(protocol) = asked.or_else(|| strat_metrics::protocol(&row.context.protocol)) {
             used.push(ProtocolRecord::new(&protocol));
         }
     }
@@ -830,6 +921,7 @@ fn write_results(
             runtime: runtime.map_or_else(|| "none".to_owned(), ToString::to_string),
             runtime_library: runtime.and_then(Runtime::library).map(Path::to_path_buf),
             jobs: pool.current_num_threads(),
+            threads: args.threads.map_or(pool.current_num_threads(), usize::from),
             models: records,
             protocols: used,
             warnings,

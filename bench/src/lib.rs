@@ -3,7 +3,9 @@
 //! The `bench` command ([`cli`]) in parts: [`setup`] finds or installs ONNX Runtime, [`runtime`]
 //! runs a graph with it or with the embedded runtime, [`model`] says what the tensors mean,
 //! [`predict`] takes a prepared set through a model and the metrics, [`tables`] writes what comes
-//! out. [`baseline`], [`predictions`] and [`pictures`] are what their names say.
+//! out. [`maps`] turns predictions into depth and files for `bench predict`, [`latency`] times
+//! models, [`devices`] says what there is to run them on. [`baseline`], [`predictions`] and [`pictures`] are what their names say.
+//! [`protocols`] reads rules of the user's own; [`compare`] and [`publish`] work on rows alone.
 //!
 //! This is the only crate that knows ONNX Runtime. Metrics, protocols and the contents of tables
 //! are defined in `strat-metrics`, files of a prepared set in `strat-store`. Nothing is fetched
@@ -11,12 +13,18 @@
 
 pub mod baseline;
 pub mod cli;
+pub mod compare;
+pub mod devices;
+pub mod latency;
 pub mod leakage;
+pub mod maps;
 pub mod model;
 mod native;
 pub mod pictures;
 pub mod predict;
 pub mod predictions;
+pub mod protocols;
+pub mod publish;
 pub mod runtime;
 pub mod setup;
 pub mod tables;

@@ -282,21 +282,79 @@ impl Model {
         }))
     }
 
+    /// How many nodes of the graph each provider holds; see [`Session::placement`].
+    #[must_use]
+    pub fn placement(&self) -> &[(String, usize)] {
+        self.session.placement()
+    }
+
+    /// Whether several images can be given at once: the input's first dimension is not fixed.
+    #[must_use]
+    pub fn takes_batches(&self) -> bool {
+        let input = self.file.info.inputs.iter().find(|t| t.name == self.input);
+        input.is_some_and(|tensor| {
+            let batch = tensor.dims.as_ref().and_then(|dims| dims.first());
+            batch.is_none_or(|dim| dim.fixed().is_none())
+        })
+    }
+
     /// Runs the model on a prepared input `[1, 3, height, width]` and returns the plane that
     /// belongs to the left image, in the units of the description.
     ///
     /// # Errors
     /// The runtime fails, the output is missing, has another shape, or holds NaN or infinity.
     pub fn predict(&mut self, input: &[f32]) -> Result<Plane, ModelError> {
+        let output = self.run(input, 1)?;
+        left_plane(output, self.description.output.channel)
+    }
+
+    /// As [`predict`](Self::predict) for `count` inputs laid one behind the other; one plane each.
+    ///
+    /// # Errors
+    /// As [`predict`](Self::predict), or the output is not one map for each image.
+    pub fn predict_batch(&mut self, input: &[f32], count: usize) -> Result<Vec<Plane>, ModelError> {
+        if count == 1 {
+            return Ok(vec![self.predict(input)?]);
+        }
+        let output = self.run(input, count)?;
+        let each = output.data.len() / count.max(1);
+        let (first, rest) = match output.shape.split_first() {
+            Some((&first, rest)) if first == count && rest.iter().product::<usize>() == each => {
+                (first, rest)
+            }
+            _ => {
+                return Err(ModelError::OutputShape {
+                    expected: format!("[{count}, channels, height, width]"),
+                    found: output.shape,
+                    name: output.name,
+                });
+            }
+        };
+        (0..first)
+            .map(|index| {
+                let one = Output {
+                    name: output.name.clone(),
+                    shape: [&[1], rest].concat(),
+                    data: output.data[index * each..(index + 1) * each].to_vec(),
+                };
+                left_plane(one, self.description.output.channel)
+            })
+            .collect()
+    }
+
+    /// Runs the session alone on `count` inputs and returns the output as it comes.
+    ///
+    /// # Errors
+    /// The runtime fails or the output is missing.
+    pub fn run(&mut self, input: &[f32], count: usize) -> Result<Output, ModelError> {
         let (width, height) = (
             self.description.input.width as usize,
             self.description.input.height as usize,
         );
         let outputs = self
             .session
-            .run(&self.input, [1, 3, height, width], input)?;
-        let output = find(outputs, &self.output)?;
-        left_plane(output, self.description.output.channel)
+            .run(&self.input, [count, 3, height, width], input)?;
+        find(outputs, &self.output)
     }
 }
 

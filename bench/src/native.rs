@@ -27,7 +27,11 @@ const CUDA_NEEDED: i32 = 13_000;
 pub(crate) fn onnxruntime_version(path: &Path) -> Result<String, String> {
     // SAFETY: opening a shared library runs its initialisers; the callers pass only ONNX Runtime
     // candidates, which ort would open in the same way a moment later.
-    let library = unsafe { libloading::Library::new(path) }.map_err(|error| error.to_string())?;
+    let library = unsafe { libloading::Library::new(path) }.map_err(|error| {
+        // The loader's own words are the cause, not the message.
+        let cause = std::error::Error::source(&error).map(ToString::to_string);
+        cause.unwrap_or_else(|| error.to_string())
+    })?;
     // SAFETY: the symbol's type is fixed by onnxruntime_c_api.h and has not changed since its
     // first release; the pointers are checked before use. The version text is static inside the
     // library, which stays open until the text has been copied.
@@ -109,7 +113,7 @@ pub enum CudaUnavailable {
     /// `libcuda` is not there.
     #[error(
         "this machine has no NVIDIA driver ({library} could not be opened); \
-         leave out `--device cuda` to run on the CPU"
+         leave out `--device` to run on the CPU"
     )]
     NoDriver {
         /// File name of the driver library on this platform.
@@ -127,7 +131,7 @@ pub enum CudaUnavailable {
     /// The driver is older than the runtime's CUDA.
     #[error(
         "the NVIDIA driver supports CUDA {}.{}, but ONNX Runtime needs CUDA {}.{}; \
-         update the driver, or leave out `--device cuda`",
+         update the driver, or leave out `--device`",
         version / 1000, version % 1000 / 10, CUDA_NEEDED / 1000, CUDA_NEEDED % 1000 / 10
     )]
     DriverTooOld {
@@ -140,6 +144,51 @@ pub enum CudaUnavailable {
          whether this container was given a GPU"
     )]
     NoDevice,
+    /// A device beyond the last one.
+    #[error(
+        "there is no NVIDIA device {index}: the driver shows {devices}, counted from 0; \
+         CUDA_VISIBLE_DEVICES may hide others"
+    )]
+    NoSuchDevice {
+        /// The number asked for.
+        index: u8,
+        /// Devices there are.
+        devices: i32,
+    },
+}
+
+impl CudaDriver {
+    /// # Errors
+    /// There are not as many devices.
+    pub(crate) fn has(self, index: u8) -> Result<(), CudaUnavailable> {
+        if i32::from(index) < self.devices {
+            Ok(())
+        } else {
+            Err(CudaUnavailable::NoSuchDevice {
+                index,
+                devices: self.devices,
+            })
+        }
+    }
+}
+
+/// File name of the TensorRT library that ONNX Runtime's provider opens.
+pub(crate) const TENSORRT: &str = if cfg!(windows) {
+    "nvinfer_10.dll"
+} else {
+    "libnvinfer.so.10"
+};
+
+/// Whether the system's loader finds and opens a library.
+pub(crate) fn opens(name: &str) -> bool {
+    // SAFETY: opening runs the library's initialisers; the one caller passes TensorRT, which ONNX
+    // Runtime would open in the same way a moment later.
+    let Ok(library) = (unsafe { libloading::Library::new(name) }) else {
+        return false;
+    };
+    // It is about to be used.
+    std::mem::forget(library);
+    true
 }
 
 /// Asks the NVIDIA driver whether CUDA can work at all, before ONNX Runtime fails obscurely.
@@ -224,6 +273,12 @@ mod tests {
         assert_eq!(
             judge_driver(100, 100, driver(13_000, 0)),
             Err(CudaUnavailable::NoDevice)
+        );
+        assert!(driver(13_000, 2).has(1).is_ok());
+        let beyond = driver(13_000, 2).has(2).unwrap_err();
+        assert!(
+            beyond.to_string().contains("no NVIDIA device 2"),
+            "{beyond}"
         );
         let dead = judge_driver(999, 999, driver(0, 0)).unwrap_err();
         assert!(dead.to_string().contains("cuInit answered 999"), "{dead}");

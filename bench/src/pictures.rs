@@ -73,7 +73,7 @@ pub fn draw(comparison: &Comparison) -> RgbImage {
     canvas
 }
 
-fn magma(place: f32) -> Rgb<u8> {
+pub(crate) fn magma(place: f32) -> Rgb<u8> {
     rgb(colorous::MAGMA, place)
 }
 
@@ -87,7 +87,7 @@ fn rgb(gradient: colorous::Gradient, place: f32) -> Rgb<u8> {
     Rgb([colour.r, colour.g, colour.b])
 }
 
-fn percentile_95(plane: &Plane) -> f32 {
+pub(crate) fn percentile_95(plane: &Plane) -> f32 {
     let mut values: Vec<f32> = plane
         .data
         .iter()

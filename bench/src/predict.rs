@@ -16,7 +16,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 use strat_metrics::{
     Camera, EvaluateError, GroundTruth, GroundTruthKind, Grouping, ImageScore, PostProcessing,
-    Protocol, Row, RowContext,
+    Protocol, Resize, Row, RowContext,
 };
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::{
@@ -445,11 +445,16 @@ fn load_truth(
         GroundTruthKind::StereoOcc => (&sample.depth_occ, "disp_occ ground truth"),
         GroundTruthKind::VelodyneX => (&sample.depth_velodyne, "Velodyne ground truth"),
         GroundTruthKind::CameraZ => (&sample.depth_camera, "camera-z ground truth"),
+        GroundTruthKind::Annotated => (&sample.depth_annotated, "KITTI depth ground truth"),
+        GroundTruthKind::Laser => (&sample.depth_laser, "laser ground truth"),
     };
     let file = file.as_ref().ok_or(SampleError::Missing { what })?;
     check_file(set, file)?;
     let (depth, header) = exr::read_depth(&set.path(file))?;
-    if (depth.width, depth.height) != (sample.width as usize, sample.height as usize) {
+    // The laser measured a grid of its own.
+    if kind != GroundTruthKind::Laser
+        && (depth.width, depth.height) != (sample.width as usize, sample.height as usize)
+    {
         return Err(SampleError::Size {
             path: file.path.clone(),
             found_width: depth.width,
@@ -513,10 +518,16 @@ fn score(task: &Task<'_>, sample: &Sample, predicted: Predicted) -> Scored {
         let (focal_px, baseline_m) = match protocol.camera {
             Camera::Nominal { baseline_m } => (truth.nominal_focal_px, baseline_m),
             Camera::Calibrated => (sample.focal_px, sample.baseline_m),
+            Camera::Agreed {
+                focal_fraction,
+                baseline_m,
+            } => (focal_fraction * f64::from(sample.width), baseline_m),
+            Camera::Unknown => (f64::from(sample.width), 1.0),
         };
+        let (truth_width, truth_height) = (truth.depth.width, truth.depth.height);
         let ground_truth = GroundTruth {
-            width,
-            height,
+            width: truth_width,
+            height: truth_height,
             depth_m: &truth.depth.data,
             disparity_px: truth.disparity_px.as_deref(),
             focal_px,
@@ -529,17 +540,27 @@ fn score(task: &Task<'_>, sample: &Sample, predicted: Predicted) -> Scored {
             (Some(flipped), PostProcessing::Flip) => (flipped, &shared_flipped),
             _ => (&predicted.plain, &shared_plain),
         };
+        let to_truth = |plane: &Plane| match protocol.resize {
+            Resize::DisparityBilinear => resize::bilinear_f32(plane, truth_width, truth_height),
+            Resize::DepthNearest => nearest(plane, truth_width, truth_height),
+        };
+        let as_shared = protocol.resize == Resize::DisparityBilinear
+            && (truth_width, truth_height) == (width, height);
         let own;
         let resized = match (shared, prediction) {
-            (Some(plane), _) => plane,
+            (Some(plane), _) if as_shared => plane,
+            (_, Prediction::DisparityFraction(plane) | Prediction::DepthM(plane)) if !as_shared => {
+                own = to_truth(plane);
+                &own
+            }
             (
-                None,
+                _,
                 Prediction::ConstantDepthM(plane)
                 | Prediction::DisparityFraction(plane)
                 | Prediction::DepthM(plane),
             ) => {
                 let disparity = reciprocal(plane, focal_baseline_fraction);
-                own = resize::bilinear_f32(&disparity, width, height);
+                own = to_truth(&disparity);
                 &own
             }
         };
@@ -569,6 +590,24 @@ fn score(task: &Task<'_>, sample: &Sample, predicted: Predicted) -> Scored {
         }
     }
     Scored { scores, comparison }
+}
+
+/// The nearest sample for the centre of each pixel of another size.
+fn nearest(source: &Plane, width: usize, height: usize) -> Plane {
+    // (i + 1/2) * from / to, rounded down, in whole numbers.
+    let place = |i: usize, from: usize, to: usize| ((2 * i + 1) * from / (2 * to)).min(from - 1);
+    let mut data = Vec::with_capacity(width * height);
+    for row in 0..height {
+        let start = place(row, source.height, height) * source.width;
+        data.extend(
+            (0..width).map(|column| source.data[start + place(column, source.width, width)]),
+        );
+    }
+    Plane {
+        width,
+        height,
+        data,
+    }
 }
 
 /// Depth to disparity or back: `factor / value`, where 0 stays 0 (no measurement).

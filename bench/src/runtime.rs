@@ -1,7 +1,7 @@
 //! The two runtimes behind one enum: ONNX Runtime, opened at run time, and the embedded one,
 //! which is pure Rust and always there.
 //!
-//! A model is loaded with a stated runtime on a stated device or not at all: asking for CUDA
+//! A model is loaded with a stated runtime on a stated device or not at all: asking for a GPU
 //! never ends on the CPU in silence, and [`Session::provider`] names what the graph's nodes were
 //! really given to. What the tensors mean is not known here; see [`crate::model`].
 
@@ -25,27 +25,114 @@ pub enum RuntimeChoice {
     #[default]
     Auto,
     /// ONNX Runtime or an error.
+    #[value(alias = "onnxruntime")]
     Ort,
     /// The embedded runtime (CPU only, slower, needs nothing installed).
     Embedded,
 }
 
-/// Where to run (`--device`).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+/// Where to run (`--device`): `cpu`, `cuda`, `cuda:1`, `tensorrt`, `coreml` or `directml`.
+///
+/// Numbers count devices from 0, in the order of the driver.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Device {
     /// The processor.
     #[default]
     Cpu,
     /// An NVIDIA device through ONNX Runtime's CUDA provider.
-    Cuda,
+    Cuda(u8),
+    /// An NVIDIA device through TensorRT; nodes that it does not take go to CUDA.
+    TensorRt(u8),
+    /// Apple's CoreML: the neural engine, the GPU or the processor, as the system decides.
+    CoreMl,
+    /// Any DirectX 12 device under Windows.
+    DirectMl(u8),
+}
+
+impl Device {
+    /// The first device of every kind.
+    pub const KINDS: [Self; 5] = [
+        Self::Cpu,
+        Self::Cuda(0),
+        Self::TensorRt(0),
+        Self::CoreMl,
+        Self::DirectMl(0),
+    ];
+
+    /// ONNX Runtime's name of the provider that serves this device.
+    #[must_use]
+    pub const fn provider(self) -> &'static str {
+        match self {
+            Self::Cpu => "CPUExecutionProvider",
+            Self::Cuda(_) => "CUDAExecutionProvider",
+            Self::TensorRt(_) => "TensorrtExecutionProvider",
+            Self::CoreMl => "CoreMLExecutionProvider",
+            Self::DirectMl(_) => "DmlExecutionProvider",
+        }
+    }
+
+    /// The number that NVIDIA's driver counts this device by, where it is one of theirs.
+    const fn nvidia(self) -> Option<u8> {
+        match self {
+            Self::Cuda(index) | Self::TensorRt(index) => Some(index),
+            Self::Cpu | Self::CoreMl | Self::DirectMl(_) => None,
+        }
+    }
+
+    /// What to do when the library lacks the provider, as the end of a sentence.
+    const fn remedy(self) -> &'static str {
+        match self {
+            Self::Cpu => "every build has it, so this library is damaged",
+            Self::Cuda(_) | Self::TensorRt(_) => "install the other build with `bench setup --gpu`",
+            Self::CoreMl => {
+                "the builds for macOS have it: run `bench setup` on a Mac, or leave out \
+                 `--device coreml`"
+            }
+            Self::DirectMl(_) => {
+                "the package onnxruntime-directml for Windows has it: point ORT_DYLIB_PATH at its \
+                 library, or leave out `--device directml`"
+            }
+        }
+    }
 }
 
 impl fmt::Display for Device {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Cpu => "cpu",
-            Self::Cuda => "cuda",
-        })
+        match self {
+            Self::Cpu => f.write_str("cpu"),
+            Self::Cuda(index) => write!(f, "cuda:{index}"),
+            Self::TensorRt(index) => write!(f, "tensorrt:{index}"),
+            Self::CoreMl => f.write_str("coreml"),
+            Self::DirectMl(index) => write!(f, "directml:{index}"),
+        }
+    }
+}
+
+/// A text that names no device.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "\"{0}\" is no device; known are cpu, cuda, tensorrt, coreml and directml, and a number \
+     chooses among several: cuda:1"
+)]
+pub struct ParseDeviceError(String);
+
+impl std::str::FromStr for Device {
+    type Err = ParseDeviceError;
+
+    fn from_str(text: &str) -> Result<Self, ParseDeviceError> {
+        let unknown = || ParseDeviceError(text.to_owned());
+        let (kind, index) = match text.split_once(':') {
+            Some((kind, index)) => (kind, Some(index.parse().map_err(|_| unknown())?)),
+            None => (text, None),
+        };
+        match (kind, index) {
+            ("cpu", None) => Ok(Self::Cpu),
+            ("cuda", index) => Ok(Self::Cuda(index.unwrap_or(0))),
+            ("tensorrt", index) => Ok(Self::TensorRt(index.unwrap_or(0))),
+            ("coreml", None) => Ok(Self::CoreMl),
+            ("directml", index) => Ok(Self::DirectMl(index.unwrap_or(0))),
+            _ => Err(unknown()),
+        }
     }
 }
 
@@ -69,24 +156,41 @@ pub enum RuntimeError {
         /// Its own words, shortened.
         reason: String,
     },
-    /// CUDA was asked for and cannot work here.
+    /// An NVIDIA device was asked for and cannot work here.
     #[error(transparent)]
     Cuda(#[from] CudaUnavailable),
-    /// The embedded runtime has no CUDA.
+    /// The embedded runtime knows no device but the processor.
     #[error(
-        "the embedded runtime runs on the CPU only; `--device cuda` needs ONNX Runtime \
-         (`bench setup --gpu`)"
+        "the embedded runtime runs on the CPU only; `--device {device}` needs ONNX Runtime \
+         (`bench setup{}`)",
+        if device.nvidia().is_some() { " --gpu" } else { "" }
     )]
-    EmbeddedHasNoCuda,
-    /// The library in use was built without CUDA.
+    EmbeddedIsCpuOnly {
+        /// The device asked for.
+        device: Device,
+    },
+    /// The library in use was built without the provider.
     #[error(
-        "the ONNX Runtime in {} was built without CUDA; install the other build with \
-         `bench setup --gpu`",
-        library.display()
+        "the ONNX Runtime in {} was built without {}, which `--device {device}` needs; {}",
+        library.display(), device.provider(), device.remedy()
     )]
-    NoCudaProvider {
+    NoProvider {
         /// The library.
         library: PathBuf,
+        /// The device asked for.
+        device: Device,
+    },
+    /// TensorRT's own library is missing.
+    #[error(
+        "`--device {device}` needs TensorRT 10, but its {library} could not be opened; install it \
+         (pip package tensorrt-cu13) and put its folder into LD_LIBRARY_PATH, or use \
+         `--device cuda`"
+    )]
+    NoTensorRt {
+        /// The device asked for.
+        device: Device,
+        /// File name of TensorRT's library.
+        library: &'static str,
     },
     /// The runtime refused the model.
     #[error("{runtime} cannot load {}: {reason}", model.display())]
@@ -155,10 +259,10 @@ impl Runtime {
     /// Finds the runtime that was asked for.
     ///
     /// The second value is a notice for the user when `auto` had to fall back to the embedded
-    /// runtime. It never falls back when CUDA is asked for.
+    /// runtime. It never falls back when another device than the CPU is asked for.
     ///
     /// # Errors
-    /// ONNX Runtime was demanded and is not there, or CUDA cannot work on this machine.
+    /// ONNX Runtime was demanded and is not there, or the device cannot work on this machine.
     pub fn resolve(
         choice: RuntimeChoice,
         device: Device,
@@ -166,17 +270,24 @@ impl Runtime {
         if choice == RuntimeChoice::Embedded {
             return match device {
                 Device::Cpu => Ok((Self(Kind::Embedded), None)),
-                Device::Cuda => Err(RuntimeError::EmbeddedHasNoCuda),
+                device => Err(RuntimeError::EmbeddedIsCpuOnly { device }),
             };
         }
-        if device == Device::Cuda {
-            native::cuda_driver()?;
+        if let Some(index) = device.nvidia() {
+            native::cuda_driver()?.has(index)?;
         }
-        match onnxruntime(device == Device::Cuda) {
+        match onnxruntime(device.nvidia().is_some()) {
             Ok(loaded) => {
-                if device == Device::Cuda && !cuda_is_compiled_in() {
-                    return Err(RuntimeError::NoCudaProvider {
+                if !is_compiled_in(device) {
+                    return Err(RuntimeError::NoProvider {
                         library: loaded.library.clone(),
+                        device,
+                    });
+                }
+                if matches!(device, Device::TensorRt(_)) && !native::opens(native::TENSORRT) {
+                    return Err(RuntimeError::NoTensorRt {
+                        device,
+                        library: native::TENSORRT,
                     });
                 }
                 Ok((Self(Kind::OnnxRuntime(loaded)), None))
@@ -226,7 +337,9 @@ impl Runtime {
             reason,
         };
         match self.0 {
-            Kind::Embedded if device == Device::Cuda => Err(RuntimeError::EmbeddedHasNoCuda),
+            Kind::Embedded if device != Device::Cpu => {
+                Err(RuntimeError::EmbeddedIsCpuOnly { device })
+            }
             Kind::Embedded => {
                 let threads = (threads > 0).then_some(threads);
                 // Its messages name the file themselves.
@@ -235,25 +348,81 @@ impl Runtime {
                     engine: Engine::Embedded(Box::new(session)),
                     runtime: self.to_string(),
                     provider: "rten CPU".to_owned(),
+                    placement: Vec::new(),
                 })
             }
             Kind::OnnxRuntime(loaded) => {
-                let session = load_with_onnxruntime(loaded, model, device, threads)
-                    .map_err(|error| failed(shorten(error.message())))?;
-                let provider = provider_text(&native::providers_of(&session), device);
-                if device == Device::Cuda && !provider.contains("CUDA") {
+                let session =
+                    load_with_onnxruntime(loaded, model, device, threads).map_err(|error| {
+                        let mut reason = shorten(error.message());
+                        if device.nvidia().is_some() && reason.contains("Failed to load library") {
+                            reason += "; `bench setup --gpu` installs the CUDA libraries it needs";
+                        }
+                        failed(reason)
+                    })?;
+                let placement = native::providers_of(&session);
+                let provider = provider_text(&placement, device);
+                if !provider.contains(device.provider()) {
                     return Err(failed(format!(
-                        "no node of the graph runs on CUDA, all are given to {provider}"
+                        "no node of the graph runs on {}, all are given to {provider}",
+                        device.provider()
                     )));
                 }
                 Ok(Session {
                     engine: Engine::OnnxRuntime(session),
                     runtime: self.to_string(),
                     provider,
+                    placement,
                 })
             }
         }
     }
+
+    /// Proves that a device works: a convolution is loaded onto it and run.
+    ///
+    /// Returns the provider that ran it.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load) and [`Session::run`], or the scratch file cannot be written.
+    pub fn try_device(&self, device: Device) -> Result<String, RuntimeError> {
+        let failed = |reason: String| RuntimeError::Load {
+            runtime: self.to_string(),
+            model: PathBuf::from("a test graph"),
+            reason,
+        };
+        let bytes = test_graph().map_err(|error| failed(error.to_string()))?;
+        let file = tempfile::NamedTempFile::new()
+            .and_then(|mut file| {
+                std::io::Write::write_all(&mut file, &bytes)?;
+                Ok(file)
+            })
+            .map_err(|error| failed(error.to_string()))?;
+        let mut session = self
+            .load(file.path(), device, 1)
+            .map_err(|error| match error {
+                // The name of a scratch file means nothing to a reader.
+                RuntimeError::Load { reason, .. } => failed(reason),
+                other => other,
+            })?;
+        session.run("x", [1, 3, 8, 8], &[0.5; 192])?;
+        Ok(session.provider)
+    }
+}
+
+/// The smallest graph that an accelerator would care to take.
+fn test_graph() -> Result<Vec<u8>, strat_onnx::graph::GraphError> {
+    use strat_onnx::graph::{Filter, Geometry, GraphBuilder};
+    let mut graph = GraphBuilder::new("device test");
+    let input = graph.input("x", &[1.into(), 3.into(), 8.into(), 8.into()])?;
+    let filter = Filter {
+        shape: [4, 3, 3, 3],
+        weights: vec![0.1; 108],
+        bias: vec![0.0; 4],
+    };
+    let value = graph.conv("conv", input, filter, Geometry::new(1, 1))?;
+    let value = graph.relu("relu", value)?;
+    graph.output("y", value)?;
+    graph.finish(None)
 }
 
 /// A model loaded into a runtime.
@@ -261,6 +430,7 @@ pub struct Session {
     engine: Engine,
     runtime: String,
     provider: String,
+    placement: Vec<(String, usize)>,
 }
 
 enum Engine {
@@ -299,6 +469,13 @@ impl Session {
     #[must_use]
     pub fn provider(&self) -> &str {
         &self.provider
+    }
+
+    /// How many nodes of the optimised graph each provider holds, sorted by provider; empty where
+    /// the runtime does not tell.
+    #[must_use]
+    pub fn placement(&self) -> &[(String, usize)] {
+        &self.placement
     }
 
     /// Runs the model on one input tensor `[n, c, h, w]`.
@@ -407,9 +584,17 @@ fn start(library: &Path) -> Result<ort::environment::Environment, String> {
     Ok(environment)
 }
 
-fn cuda_is_compiled_in() -> bool {
+/// Whether the loaded library knows the provider; not whether the provider can start.
+fn is_compiled_in(device: Device) -> bool {
     use ort::ep::ExecutionProvider as _;
-    ort::ep::CUDA::is_available().unwrap_or(false)
+    match device {
+        Device::Cpu => Ok(true),
+        Device::Cuda(_) => ort::ep::CUDA::is_available(),
+        Device::TensorRt(_) => ort::ep::TensorRT::is_available(),
+        Device::CoreMl => ort::ep::CoreML::is_available(),
+        Device::DirectMl(_) => ort::ep::DirectML::is_available(),
+    }
+    .unwrap_or(false)
 }
 
 fn load_with_onnxruntime(
@@ -421,11 +606,34 @@ fn load_with_onnxruntime(
     use ort::session::builder::AutoDevicePolicy;
     // The CPU provider is always last; its default here would switch the arena off.
     let cpu = ort::ep::CPU::default().with_arena_allocator(true).build();
+    let cuda = |index: u8| {
+        ort::ep::CUDA::default()
+            .with_device_id(index.into())
+            .build()
+            .error_on_failure()
+    };
     let providers = match device {
         Device::Cpu => vec![cpu],
-        Device::Cuda => vec![ort::ep::CUDA::default().build().error_on_failure(), cpu],
+        Device::Cuda(index) => vec![cuda(index), cpu],
+        Device::TensorRt(index) => {
+            let tensorrt = ort::ep::TensorRT::default()
+                .with_device_id(index.into())
+                .build()
+                .error_on_failure();
+            vec![tensorrt, cuda(index), cpu]
+        }
+        Device::CoreMl => vec![ort::ep::CoreML::default().build().error_on_failure(), cpu],
+        Device::DirectMl(index) => {
+            let directml = ort::ep::DirectML::default()
+                .with_device_id(index.into())
+                .build()
+                .error_on_failure();
+            vec![directml, cpu]
+        }
     };
     ort::session::Session::builder(&loaded.environment)?
+        // DirectML cannot work with planned memory; the others gain by it.
+        .with_memory_pattern(!matches!(device, Device::DirectMl(_)))?
         // The binding's default prefers an NPU where there is one; a benchmark runs where it says.
         .with_auto_device(AutoDevicePolicy::PreferCPU)?
         .with_intra_threads(threads)?
@@ -441,10 +649,10 @@ fn load_with_onnxruntime(
 fn provider_text(assigned: &[(String, usize)], device: Device) -> String {
     match assigned {
         [] => match device {
-            Device::Cpu => "CPUExecutionProvider".to_owned(),
+            Device::Cpu => device.provider().to_owned(),
             // Registered with an error on failure, so it is there; older libraries do not tell
             // which nodes it got.
-            Device::Cuda => "CUDAExecutionProvider (share of nodes unknown)".to_owned(),
+            _ => format!("{} (share of nodes unknown)", device.provider()),
         },
         [(name, _)] => name.clone(),
         several => several
@@ -453,6 +661,18 @@ fn provider_text(assigned: &[(String, usize)], device: Device) -> String {
             .collect::<Vec<_>>()
             .join(" + "),
     }
+}
+
+/// Takes the status code off the front: `: 1 : FAIL : some text` becomes `some text`.
+fn without_code(line: &str) -> &str {
+    let stripped = line.strip_prefix(": ").and_then(|rest| {
+        let (number, rest) = rest.split_once(" : ")?;
+        let (word, text) = rest.split_once(" : ")?;
+        let is_code = number.chars().all(|c| c.is_ascii_digit())
+            && word.chars().all(|c| c.is_ascii_uppercase() || c == '_');
+        is_code.then_some(text)
+    });
+    stripped.unwrap_or(line)
 }
 
 /// Takes the C++ source locations and symbol names out of ONNX Runtime's messages.
@@ -477,6 +697,7 @@ fn shorten(message: &str) -> String {
                 .unwrap_or(0);
             line = rest[after_function..].trim();
         }
+        line = without_code(line);
         if !line.is_empty() && !line.starts_with("Stacktrace") {
             kept.push(line);
         }
@@ -508,14 +729,37 @@ mod tests {
             shorten("Load model from x.onnx failed:Protobuf parsing failed."),
             "Load model from x.onnx failed:Protobuf parsing failed."
         );
+        // As ONNX Runtime 1.31.1 says it when a CUDA library is missing.
+        let nested = "/onnxruntime_src/onnxruntime/core/session/provider_bridge_ort.cc:2397 \
+                      onnxruntime::Provider& onnxruntime::ProviderLibrary::Get() \
+                      [ONNXRuntimeError] : 1 : FAIL : Failed to load library x.so";
+        assert_eq!(shorten(nested), "Failed to load library x.so");
+        assert_eq!(without_code(": 1 : some : text"), ": 1 : some : text");
         assert_eq!(shorten(""), "no reason given");
         assert!(shorten(&"é".repeat(1000)).chars().count() <= 401);
     }
 
     #[test]
-    fn embedded_refuses_cuda() {
-        let error = Runtime::resolve(RuntimeChoice::Embedded, Device::Cuda).unwrap_err();
-        assert!(error.to_string().contains("CPU only"), "{error}");
+    fn embedded_knows_the_processor_only() {
+        for device in &Device::KINDS[1..] {
+            let error = Runtime::resolve(RuntimeChoice::Embedded, *device).unwrap_err();
+            assert!(error.to_string().contains("CPU only"), "{error}");
+        }
+    }
+
+    #[test]
+    fn devices_are_words_with_a_number() {
+        for device in Device::KINDS {
+            assert_eq!(device.to_string().parse(), Ok(device));
+        }
+        assert_eq!("cuda".parse(), Ok(Device::Cuda(0)));
+        assert_eq!("cuda:3".parse(), Ok(Device::Cuda(3)));
+        for wrong in [
+            "", "gpu", "cuda:", "cuda:-1", "cuda:300", "cpu:0", "coreml:1", "CUDA",
+        ] {
+            let error = wrong.parse::<Device>().unwrap_err();
+            assert!(error.to_string().contains("cuda:1"), "{error}");
+        }
     }
 
     #[test]
@@ -538,6 +782,28 @@ mod tests {
         );
     }
 
+    /// Past the checks that come before: the library itself must refuse, not run on the CPU.
+    #[test]
+    fn a_provider_that_cannot_start_is_an_error() {
+        if let setup::Availability::Unavailable(reason) = setup::ensure_runtime() {
+            eprintln!("skipped: {reason}");
+            return;
+        }
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), test_graph().unwrap()).unwrap();
+        let loaded = onnxruntime(false).unwrap();
+        for device in &Device::KINDS[1..] {
+            if is_compiled_in(*device) {
+                eprintln!("skipped: this library has {}", device.provider());
+                continue;
+            }
+            let Err(error) = load_with_onnxruntime(loaded, file.path(), *device, 1) else {
+                panic!("{device} was replaced in silence");
+            };
+            eprintln!("{device}: {}", shorten(error.message()));
+        }
+    }
+
     #[test]
     fn several_providers_are_all_named() {
         let text = provider_text(
@@ -545,12 +811,17 @@ mod tests {
                 ("CPUExecutionProvider".to_owned(), 2),
                 ("CUDAExecutionProvider".to_owned(), 90),
             ],
-            Device::Cuda,
+            Device::Cuda(0),
         );
         assert_eq!(
             text,
             "CPUExecutionProvider (2 nodes) + CUDAExecutionProvider (90 nodes)"
         );
         assert_eq!(provider_text(&[], Device::Cpu), "CPUExecutionProvider");
+        let unknown = provider_text(&[], Device::TensorRt(1));
+        assert_eq!(
+            unknown,
+            "TensorrtExecutionProvider (share of nodes unknown)"
+        );
     }
 }

@@ -11,7 +11,7 @@ use std::{
 
 use serde::Serialize;
 use strat_metrics::{
-    GroundTruthKind, Grouping, Protocol, Row, leaderboard, protocol, rows,
+    GroundTruthKind, Grouping, Protocol, Row, leaderboard, rows,
     statistics::Bootstrap,
     tables::{self, Coverage, Table, TableError, ThesisTable},
 };
@@ -79,12 +79,9 @@ pub enum PlanError {
         /// How many the split has.
         expected: u64,
     },
-    /// No such protocol.
-    #[error("there is no protocol \"{name}\"; `bench protocols` lists them")]
-    UnknownProtocol {
-        /// The name given.
-        name: String,
-    },
+    /// No such protocol, or a file that is none: a sentence.
+    #[error("{0}")]
+    Protocol(String),
     /// The protocol's ground truth is not in the set.
     #[error(
         "protocol {name} compares with {truth} ground truth, which no test image of this set (`{found}`) \
@@ -182,8 +179,8 @@ pub fn plan(
         .collect::<Vec<_>>();
     let mut seen = BTreeSet::new();
     for name in of_tables.iter().chain(extra_protocols) {
-        let protocol =
-            protocol(name).ok_or_else(|| PlanError::UnknownProtocol { name: name.clone() })?;
+        let protocol = crate::protocols::resolve(name)
+            .map_err(|error| PlanError::Protocol(error.to_string()))?;
         let (truth, remedy, has): (_, _, fn(&Sample) -> bool) = match protocol.ground_truth {
             GroundTruthKind::StereoNoc => ("stereo 2015", "prep kitti", |s| s.depth_noc.is_some()),
             GroundTruthKind::StereoOcc => ("stereo 2015", "prep kitti", |s| s.depth_occ.is_some()),
@@ -191,6 +188,10 @@ pub fn plan(
                 ("Velodyne", "prep eigen", |s| s.depth_velodyne.is_some())
             }
             GroundTruthKind::CameraZ => ("camera-z", "prep eigen", |s| s.depth_camera.is_some()),
+            GroundTruthKind::Annotated => ("KITTI depth", "prep eigen --annotated", |s| {
+                s.depth_annotated.is_some()
+            }),
+            GroundTruthKind::Laser => ("laser", "prep make3d", |s| s.depth_laser.is_some()),
         };
         if !samples.iter().any(has) {
             return Err(PlanError::WrongTruth {
@@ -246,6 +247,8 @@ pub struct RunRecord {
     pub runtime_library: Option<PathBuf>,
     /// Threads for decoding and metrics.
     pub jobs: usize,
+    /// Threads within a model.
+    pub threads: usize,
     /// The models.
     pub models: Vec<ModelRecord>,
     /// The protocols with their digests and full rules.

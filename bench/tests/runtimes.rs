@@ -124,7 +124,7 @@ fn a_wrong_input_is_a_sentence_in_both() {
 fn cuda_is_never_replaced_by_the_cpu() {
     // On a machine with a suitable driver and the GPU build this resolves; anywhere else it must
     // say what is missing.
-    match Runtime::resolve(RuntimeChoice::Auto, Device::Cuda) {
+    match Runtime::resolve(RuntimeChoice::Auto, Device::Cuda(0)) {
         Ok((runtime, notice)) => {
             assert!(runtime.library().is_some());
             assert_eq!(notice, None);

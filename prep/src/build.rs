@@ -2,21 +2,24 @@
 //!
 //! Jobs run on many threads and share nothing; the tables are written at the end in the
 //! order of the split, so the result does not depend on the number of threads. What an
-//! earlier run finished is kept. A bad input file costs its own sample only.
+//! earlier run finished is kept, unless its input was replaced since. A bad input file costs its
+//! own sample only.
 
 use std::collections::{BTreeMap, HashMap};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::SystemTime;
 
 use image::RgbImage;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use strat_geometry::{
     CamToCam, DepthAxis, NOMINAL_BASELINE_M, depth_from_disparity_px, nominal_focal_px,
     parse_velodyne, velodyne_depth,
 };
-use strat_splits::{FrameId, Role, Split};
+use strat_splits::{DriveId, FrameId, Role, Split};
 use strat_store::exr::{DepthHeader, encode_depth};
+use strat_store::image_files::Codec;
 use strat_store::progress::Progress;
 use strat_store::raster::Plane;
 use strat_store::resize::{self, Kernel};
@@ -25,9 +28,12 @@ use strat_store::set::{
 };
 use strat_store::{files, image_files, yaml};
 
+use crate::disk::{free_bytes, human_bytes};
 use crate::error::{Error, Result};
 use crate::inventory::{Input, Inventory, Job};
-use crate::raw::RawFolder;
+use crate::merge::{self, Shard};
+use crate::raw::{Day, RawFolder};
+use crate::source::Source;
 use crate::stereo2015::camera_by_size;
 
 /// File that marks a folder as the output of a preparation, finished or not.
@@ -55,6 +61,18 @@ pub struct Settings {
     pub image_height: u32,
     /// How they are made.
     pub kernel: Kernel,
+    /// How they are stored: `png` or `jpeg-92`.
+    #[serde(serialize_with = "as_text", deserialize_with = "from_text")]
+    pub codec: Codec,
+}
+
+fn as_text<S: Serializer>(codec: &Codec, to: S) -> std::result::Result<S::Ok, S::Error> {
+    to.collect_str(codec)
+}
+
+fn from_text<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<Codec, D::Error> {
+    let text = String::deserialize(from)?;
+    text.parse().map_err(serde::de::Error::custom)
 }
 
 impl Settings {
@@ -65,6 +83,7 @@ impl Settings {
         image_width: u32,
         image_height: u32,
         kernel: Kernel,
+        codec: Codec,
     ) -> Self {
         let source = if raw.rendered { "rendered" } else { "kitti" };
         Self {
@@ -74,16 +93,17 @@ impl Settings {
             image_width,
             image_height,
             kernel,
+            codec,
         }
     }
 }
 
 /// An input that could not be used.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Failure {
-    /// Role of its sample.
-    pub role: Role,
-    /// Name of its sample.
+    /// Role of its sample; none where it is an archive or folder of many.
+    pub role: Option<Role>,
+    /// Name of its sample, else empty.
     pub id: String,
     /// The file.
     pub file: String,
@@ -153,8 +173,8 @@ pub fn check_output(out: &Path, inputs: &[&Path], settings: &Settings) -> Result
     if there != *settings {
         let state = |s: &Settings| {
             format!(
-                "{} data at {}x{} by `{}` (format {})",
-                s.source, s.image_width, s.image_height, s.kernel, s.format
+                "{} data at {}x{} by `{}` as {} (format {})",
+                s.source, s.image_width, s.image_height, s.kernel, s.codec, s.format
             )
         };
         return Err(wrong(format!(
@@ -166,7 +186,76 @@ pub fn check_output(out: &Path, inputs: &[&Path], settings: &Settings) -> Result
     Ok(())
 }
 
-/// Makes everything the inventory found possible and writes the set.
+/// Bytes a pixel takes as PNG and as JPEG of quality 92, and a depth map takes; the least seen on
+/// frames of KITTI, so that no run is refused that would fit.
+const BYTES: (f64, f64, u64) = (1.5, 0.3, 100_000);
+
+/// Bytes the jobs (of a shard) will write at least; of pairs whose left image is in `out` already,
+/// none.
+pub fn bytes_to_write(
+    out: &Path,
+    settings: &Settings,
+    inventory: &Inventory,
+    shard: Option<Shard>,
+) -> u64 {
+    let pixels = f64::from(settings.image_width) * f64::from(settings.image_height);
+    let small = match settings.codec {
+        Codec::Png => pixels * BYTES.0,
+        Codec::Jpeg(quality) => pixels * BYTES.1 * f64::from(quality) / 92.0,
+    };
+    let mine = |job: &&Job| shard.is_none_or(|shard| shard.has(&job.id));
+    let bytes = inventory.jobs.iter().filter(mine).map(|job| {
+        let (place, stem) = job.id.split_once('/').unwrap_or(("", &job.id));
+        let ending = settings.codec.ending();
+        if out
+            .join(format!("images/{place}/left/{stem}.{ending}"))
+            .is_file()
+        {
+            return 0;
+        }
+        let more = match &job.input {
+            Input::Raw { left, scan, .. } => {
+                let full = if job.role == Role::Test {
+                    left.len()
+                } else {
+                    0
+                };
+                full + 2 * BYTES.2 * u64::from(scan.is_some())
+            }
+            Input::Scene { left, right, .. } => left.len() + right.len() + BYTES.2,
+        };
+        2 * small as u64 + more
+    });
+    bytes.sum()
+}
+
+/// Makes sure that the disk has room for what is to be written.
+///
+/// # Errors
+/// It has not; the message says how much is needed and free.
+pub fn check_space(
+    out: &Path,
+    settings: &Settings,
+    inventory: &Inventory,
+    shard: Option<Shard>,
+) -> Result<()> {
+    // A file system that does not tell is no reason to refuse.
+    let Ok(free) = free_bytes(out) else {
+        return Ok(());
+    };
+    let needed = bytes_to_write(out, settings, inventory, shard);
+    if needed <= free {
+        return Ok(());
+    }
+    Err(Error::Space {
+        path: out.to_owned(),
+        needed: human_bytes(needed),
+        free: human_bytes(free),
+    })
+}
+
+/// Makes everything the inventory found possible and writes the set, or, given a shard, what
+/// falls to it and its part of the tables (see [`merge`]).
 ///
 /// # Errors
 /// The output cannot be written. Bad inputs are no error here: see [`Report::failures`].
@@ -175,7 +264,8 @@ pub fn build(
     settings: &Settings,
     raw: &RawFolder,
     inventory: &Inventory,
-    jobs: Option<usize>,
+    shard: Option<Shard>,
+    threads: Option<usize>,
     quiet: bool,
 ) -> Result<Report> {
     files::check_writable(out)?;
@@ -190,22 +280,27 @@ pub fn build(
         kept: 0.into(),
     };
     let label = format!("prep {}", settings.split);
-    let progress = Progress::new(&label, inventory.jobs.len() as u64, "pairs", quiet);
+    let jobs: Vec<&Job> = inventory
+        .jobs
+        .iter()
+        .filter(|job| shard.is_none_or(|shard| shard.has(&job.id)))
+        .collect();
+    let progress = Progress::new(&label, jobs.len() as u64, "pairs", quiet);
     let told = AtomicU64::new(0);
-    let threads = jobs.unwrap_or(0);
+    let threads = threads.unwrap_or(0);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|e| Error::Threads {
         jobs: threads,
         reason: e.to_string(),
     })?;
     let made: Vec<Made> = pool.install(|| {
-        let work = inventory.jobs.par_iter().map(|job| {
+        let work = jobs.par_iter().map(|job| {
             let made = workshop.make(job)?;
             for failure in &made.failures {
                 if told.fetch_add(1, Ordering::Relaxed) < FAILURES_SHOWN {
                     progress.println(&format!(
                         "{} {} skipped: {}",
-                        failure.role, failure.id, failure.problem
+                        job.role, failure.id, failure.problem
                     ));
                 }
             }
@@ -217,56 +312,98 @@ pub fn build(
     progress.finish();
 
     let mut samples: BTreeMap<Role, Vec<Sample>> = BTreeMap::new();
-    let mut cameras: Vec<CameraEntry> = Vec::new();
     let mut failures = Vec::new();
-    for (job, made) in inventory.jobs.iter().zip(made) {
+    for (job, made) in jobs.iter().zip(made) {
         failures.extend(made.failures);
-        let Some(sample) = made.sample else { continue };
-        let camera = camera_entry(job, &sample);
-        if !cameras.contains(&camera) {
-            cameras.push(camera);
+        if let Some(sample) = made.sample {
+            samples.entry(job.role).or_default().push(sample);
         }
-        samples.entry(job.role).or_default().push(sample);
     }
-    cameras.sort_by(|a, b| {
-        a.name
-            .cmp(&b.name)
-            .then(a.width.cmp(&b.width))
-            .then(a.focal_px.total_cmp(&b.focal_px))
-    });
-    let counts = inventory.counts.iter().map(|(role, count)| {
-        let found = samples.get(role).map_or(0, Vec::len) as u64;
-        (
-            *role,
-            Count {
-                expected: count.expected,
-                found,
-            },
-        )
-    });
-    let manifest = Manifest {
-        format: FORMAT,
-        content: Content::from(settings.split),
-        split_digest: Some(strat_splits::digest(settings.split)),
-        source: settings.source.clone(),
-        image_width: settings.image_width,
-        image_height: settings.image_height,
-        kernel: settings.kernel,
-        codec: "png".to_owned(),
-        counts: counts.collect(),
-        failures: failures.len() as u64,
-        cameras,
-        tool_version: env!("CARGO_PKG_VERSION").to_owned(),
-        data_digest: String::new(),
+    // Archives and folders that cannot be read cost many samples at once, unless all of these are
+    // there elsewhere; of the parts of a set, the first tells of them.
+    if !inventory.is_complete() && shard.is_none_or(|shard| shard.index == 0) {
+        failures.extend(inventory.broken.iter().map(|(path, problem)| Failure {
+            role: None,
+            id: String::new(),
+            file: path.display().to_string(),
+            problem: problem.clone(),
+        }));
+    }
+    let results = Results {
+        expected: inventory
+            .counts
+            .iter()
+            .map(|(role, count)| (*role, count.expected))
+            .collect(),
+        samples,
+        failures,
     };
-    write_failures(out, &failures)?;
-    let set = PreparedSet::write(out, manifest, &samples)?;
+    let set = match shard {
+        Some(shard) => merge::write_part(out, settings, shard, &results)?,
+        None => results.write(out, settings)?,
+    };
     Ok(Report {
         set,
-        failures,
+        failures: results.failures,
         written: workshop.written.into_inner(),
         kept: workshop.kept.into_inner(),
     })
+}
+
+/// Everything the tables of a set are written from, in the order of the split.
+pub(crate) struct Results {
+    /// Samples of the whole split per role.
+    pub expected: BTreeMap<Role, u64>,
+    /// Samples made.
+    pub samples: BTreeMap<Role, Vec<Sample>>,
+    /// Inputs that could not be used.
+    pub failures: Vec<Failure>,
+}
+
+impl Results {
+    /// Writes the list of failures, the tables and, last, the manifest into `folder`.
+    pub fn write(&self, folder: &Path, settings: &Settings) -> Result<PreparedSet> {
+        let mut cameras: Vec<CameraEntry> = Vec::new();
+        for sample in self.samples.values().flatten() {
+            let camera = camera_entry(sample);
+            if !cameras.contains(&camera) {
+                cameras.push(camera);
+            }
+        }
+        cameras.sort_by(|a, b| {
+            a.name
+                .cmp(&b.name)
+                .then(a.width.cmp(&b.width))
+                .then(a.focal_px.total_cmp(&b.focal_px))
+        });
+        let counts = self.expected.iter().map(|(role, expected)| {
+            let found = self.samples.get(role).map_or(0, Vec::len) as u64;
+            (
+                *role,
+                Count {
+                    expected: *expected,
+                    found,
+                },
+            )
+        });
+        let manifest = Manifest {
+            format: FORMAT,
+            content: Content::from(settings.split),
+            split_digest: Some(strat_splits::digest(settings.split)),
+            source: settings.source.clone(),
+            image_width: settings.image_width,
+            image_height: settings.image_height,
+            kernel: settings.kernel,
+            codec: settings.codec.to_string(),
+            counts: counts.collect(),
+            failures: self.failures.len() as u64,
+            cameras,
+            tool_version: env!("CARGO_PKG_VERSION").to_owned(),
+            data_digest: String::new(),
+        };
+        write_failures(folder, &self.failures)?;
+        Ok(PreparedSet::write(folder, manifest, &self.samples)?)
+    }
 }
 
 struct Made {
@@ -277,14 +414,14 @@ struct Made {
 /// Why a piece of a sample is not there: a bad input, or an output that cannot be written,
 /// which ends everything.
 enum Stop {
-    Input { file: PathBuf, problem: String },
+    Input { file: String, problem: String },
     Output(Error),
 }
 
 impl Stop {
-    fn input(file: &Path, problem: impl ToString) -> Self {
+    fn input(file: &Source, problem: impl ToString) -> Self {
         Self::Input {
-            file: file.to_owned(),
+            file: file.to_string(),
             problem: problem.to_string(),
         }
     }
@@ -318,7 +455,15 @@ impl Workshop<'_> {
                 left,
                 right,
                 scan,
-            } => self.raw_pair(job, *frame, left, right, scan.as_deref(), &mut failures),
+                annotated,
+            } => self.raw_pair(
+                job,
+                *frame,
+                (left, right),
+                scan.as_ref(),
+                annotated.as_ref(),
+                &mut failures,
+            ),
             Input::Scene { .. } => self.scene(job),
         };
         match piece {
@@ -337,9 +482,9 @@ impl Workshop<'_> {
         &self,
         job: &Job,
         frame: FrameId,
-        left: &Path,
-        right: &Path,
-        scan: Option<&Path>,
+        (left, right): (&Source, &Source),
+        scan: Option<&Source>,
+        annotated: Option<&Source>,
         failures: &mut Vec<Failure>,
     ) -> Piece<Option<Sample>> {
         let no_calibration = || Stop::input(left, "this recording day has no usable calibration");
@@ -352,15 +497,12 @@ impl Workshop<'_> {
             let ((w, h), (cw, ch)) = (left_picture.size, (cameras.width, cameras.height));
             return Err(Stop::input(
                 left,
-                format!(
-                    "{} is {w}x{h}, but its calibration is for {cw}x{ch}",
-                    left.display()
-                ),
+                format!("{left} is {w}x{h}, but its calibration is for {cw}x{ch}"),
             ));
         }
         let mut depth = None;
         if let (Some(scan), Ok(projection)) = (scan, &day.projection) {
-            match self.velodyne(&drive, &stem, scan, cameras, projection) {
+            match self.velodyne(&drive, &stem, scan, day, cameras, projection) {
                 Ok(files) => depth = Some(files),
                 // Worthless as a test sample without ground truth; still a good pair elsewhere.
                 Err(stop) if job.role == Role::Test => return Err(stop),
@@ -368,12 +510,20 @@ impl Workshop<'_> {
             }
         }
         let (depth_velodyne, depth_camera) = depth.unzip();
+        let mut depth_annotated = None;
+        if let Some(from) = annotated {
+            match self.annotated(&drive, &stem, from, cameras) {
+                Ok(file) => depth_annotated = Some(file),
+                Err(stop) => failures.push(failure(job, stop).map_err(Stop::Output)?),
+            }
+        }
         Ok(Some(Sample {
             right: Some(right_picture.small),
             left_full: left_picture.full,
             right_full: right_picture.full,
             depth_velodyne,
             depth_camera,
+            depth_annotated,
             ..Sample::new(
                 &job.id,
                 left_picture.size,
@@ -404,16 +554,14 @@ impl Workshop<'_> {
         let size = left_picture.size;
         let (focal_px, baseline_m) = match calibration {
             Some(path) => {
-                let bytes = files::read(path).map_err(|e| Stop::input(path, e))?;
+                let bytes = path.read().map_err(|e| Stop::input(path, e))?;
                 let cameras = CamToCam::parse(&String::from_utf8_lossy(&bytes))
-                    .map_err(|e| Stop::input(path, format!("{}: {e}", path.display())))?;
+                    .map_err(|e| Stop::input(path, format!("{path}: {e}")))?;
                 if (cameras.width, cameras.height) != size {
                     let (w, h) = size;
                     let problem = format!(
-                        "{} is for {}x{}, but the image is {w}x{h}",
-                        path.display(),
-                        cameras.width,
-                        cameras.height
+                        "{path} is for {}x{}, but the image is {w}x{h}",
+                        cameras.width, cameras.height
                     );
                     return Err(Stop::input(path, problem));
                 }
@@ -423,19 +571,14 @@ impl Workshop<'_> {
                 let (w, h) = size;
                 Stop::input(
                     left,
-                    format!(
-                        "{} is {w}x{h}, which is no KITTI size, and has no calibration",
-                        left.display()
-                    ),
+                    format!("{left} is {w}x{h}, which is no KITTI size, and has no calibration"),
                 )
             })?,
         };
         let disparity =
-            |kind: &str, from: &Path| self.disparity(job, kind, &stem, from, size, focal_px);
-        let label = |kind: &str,
-                     from: &Option<PathBuf>,
-                     check: fn(&Path) -> strat_store::Result<(usize, usize)>| {
-            from.as_deref()
+            |kind: &str, from: &Source| self.disparity(job, kind, &stem, from, size, focal_px);
+        let label = |kind: &str, from: &Option<Source>, check: Check| {
+            from.as_ref()
                 .map(|from| self.label(kind, &stem, from, size, check))
                 .transpose()
         };
@@ -444,15 +587,12 @@ impl Workshop<'_> {
             left_full: left_picture.full,
             right_full: right_picture.full,
             depth_noc: Some(disparity("noc", noc)?),
-            depth_occ: occ
-                .as_deref()
-                .map(|occ| disparity("occ", occ))
-                .transpose()?,
-            semantic: label("semantic", semantic, |path| {
-                image_files::read_gray8(path).map(|(w, h, _)| (w, h))
+            depth_occ: occ.as_ref().map(|occ| disparity("occ", occ)).transpose()?,
+            semantic: label("semantic", semantic, |bytes, name| {
+                image_files::decode_gray8(bytes, name).map(|(w, h, _)| (w, h))
             })?,
-            instance: label("instance", instance, |path| {
-                image_files::read_gray16(path).map(|(w, h, _)| (w, h))
+            instance: label("instance", instance, |bytes, name| {
+                image_files::decode_gray16(bytes, name).map(|(w, h, _)| (w, h))
             })?,
             ..Sample::new(&job.id, size, focal_px, baseline_m, left_picture.small)
         }))
@@ -463,8 +603,8 @@ impl Workshop<'_> {
         &self,
         drive: &str,
         stem: &str,
-        left: &Path,
-        right: &Path,
+        left: &Source,
+        right: &Source,
         full: Option<Side>,
     ) -> Piece<(Picture, Picture)> {
         let left_picture = self.picture(drive, stem, "left", left, full.is_some())?;
@@ -473,10 +613,7 @@ impl Workshop<'_> {
             let ((w, h), (rw, rh)) = (left_picture.size, right_picture.size);
             return Err(Stop::input(
                 right,
-                format!(
-                    "{} is {rw}x{rh}, but its left image is {w}x{h}",
-                    right.display()
-                ),
+                format!("{right} is {rw}x{rh}, but its left image is {w}x{h}"),
             ));
         }
         Ok((left_picture, right_picture))
@@ -487,33 +624,40 @@ impl Workshop<'_> {
         drive: &str,
         stem: &str,
         side: &str,
-        from: &Path,
+        from: &Source,
         keep_full: bool,
     ) -> Piece<Picture> {
-        let small = format!("images/{drive}/{side}/{stem}.png");
-        let ending = from
-            .extension()
-            .map_or_else(String::new, |e| e.to_string_lossy().into_owned());
-        let full = keep_full.then(|| format!("full/{drive}/{side}/{stem}.{ending}"));
-        let kept_small = self.kept(&small)?;
+        let small = format!(
+            "images/{drive}/{side}/{stem}.{}",
+            self.settings.codec.ending()
+        );
+        let full = keep_full.then(|| format!("full/{drive}/{side}/{stem}.{}", from.ending()));
+        let changed = from.changed();
+        let kept_small = self.kept(&small, changed)?;
         let kept_full = full
             .as_deref()
-            .map(|path| self.kept(path))
+            .map(|path| self.kept(path, changed))
             .transpose()?
             .flatten();
         if let Some(small) = &kept_small
             && kept_full.is_some() == full.is_some()
         {
-            let size = image_files::read_size(from).map_err(|e| Stop::input(from, e))?;
+            let size = match from {
+                Source::File(path) => image_files::read_size(path),
+                Source::Entry(_) => from
+                    .read()
+                    .and_then(|bytes| image_files::decode_size(&bytes, &from.to_string())),
+            };
+            let size = size.map_err(|e| Stop::input(from, e))?;
             return Ok(Picture {
                 small: small.clone(),
                 full: kept_full,
                 size,
             });
         }
-        let bytes = files::read(from).map_err(|e| Stop::input(from, e))?;
-        let image = image_files::decode_rgb(&bytes, &from.display().to_string())
-            .map_err(|e| Stop::input(from, e))?;
+        let bytes = from.read().map_err(|e| Stop::input(from, e))?;
+        let image =
+            image_files::decode_rgb(&bytes, &from.to_string()).map_err(|e| Stop::input(from, e))?;
         let small = match kept_small {
             Some(small) => small,
             None => self.put(small, &self.network_size(&image))?,
@@ -534,9 +678,10 @@ impl Workshop<'_> {
             image_width,
             image_height,
             kernel,
+            codec,
             ..
         } = *self.settings;
-        image_files::encode_png_rgb(&resize::rgb(image, image_width, image_height, kernel))
+        codec.encode(&resize::rgb(image, image_width, image_height, kernel))
     }
 
     /// Ground truth of a scan: along the scanner's axis and along the camera's.
@@ -544,18 +689,22 @@ impl Workshop<'_> {
         &self,
         drive: &str,
         stem: &str,
-        scan: &Path,
+        scan: &Source,
+        day: &Day,
         cameras: &CamToCam,
         projection: &[[f64; 4]; 3],
     ) -> Piece<(FileRef, FileRef)> {
         let [velodyne, camera] =
             ["velodyne", "camera"].map(|kind| format!("depth/{kind}/{drive}/{stem}.exr"));
-        if let (Some(velodyne), Some(camera)) = (self.kept(&velodyne)?, self.kept(&camera)?) {
+        // It depends on the calibration as much as on the scan.
+        let changed = scan.changed().max(day.changed);
+        let kept = (self.kept(&velodyne, changed)?, self.kept(&camera, changed)?);
+        if let (Some(velodyne), Some(camera)) = kept {
             return Ok((velodyne, camera));
         }
-        let bytes = files::read(scan).map_err(|e| Stop::input(scan, e))?;
-        let points = parse_velodyne(&bytes)
-            .map_err(|e| Stop::input(scan, format!("{}: {e}", scan.display())))?;
+        let bytes = scan.read().map_err(|e| Stop::input(scan, e))?;
+        let points =
+            parse_velodyne(&bytes).map_err(|e| Stop::input(scan, format!("{scan}: {e}")))?;
         let (width, height) = (cameras.width as usize, cameras.height as usize);
         let depth = |axis| Plane {
             width,
@@ -573,10 +722,7 @@ impl Workshop<'_> {
         if along_scanner.data.iter().all(|depth_m| *depth_m == 0.0) {
             return Err(Stop::input(
                 scan,
-                format!(
-                    "{}: no point of the scan falls into the image",
-                    scan.display()
-                ),
+                format!("{scan}: no point of the scan falls into the image"),
             ));
         }
         Ok((
@@ -585,29 +731,65 @@ impl Workshop<'_> {
         ))
     }
 
+    /// Annotated depth of KITTI depth: 16-bit metres times 256, 0 where nothing is known.
+    fn annotated(
+        &self,
+        drive: &str,
+        stem: &str,
+        from: &Source,
+        cameras: &CamToCam,
+    ) -> Piece<FileRef> {
+        let path = format!("depth/annotated/{drive}/{stem}.exr");
+        if let Some(kept) = self.kept(&path, from.changed())? {
+            return Ok(kept);
+        }
+        let (width, height, raw) = self.gray16(from, (cameras.width, cameras.height))?;
+        let header = DepthHeader {
+            source: "kitti-depth/groundtruth".to_owned(),
+            axis: "camera-z".to_owned(),
+            focal_px: cameras.focal_px(),
+            baseline_m: cameras.baseline_m(),
+            frame: format!("{drive}/{stem}"),
+        };
+        let depth_m = raw.iter().map(|value| f32::from(*value) / 256.0);
+        self.put_depth(
+            path,
+            &Plane {
+                width,
+                height,
+                data: depth_m.collect(),
+            },
+            &header,
+        )
+    }
+
+    /// A 16-bit map of the size of its image with at least one measurement.
+    fn gray16(&self, from: &Source, size: (u32, u32)) -> Piece<(usize, usize, Vec<u16>)> {
+        let bytes = from.read().map_err(|e| Stop::input(from, e))?;
+        let (width, height, raw) = image_files::decode_gray16(&bytes, &from.to_string())
+            .map_err(|e| Stop::input(from, e))?;
+        same_size(from, (width, height), size)?;
+        if raw.iter().all(|value| *value == 0) {
+            return Err(Stop::input(from, format!("{from} has no measured pixel")));
+        }
+        Ok((width, height, raw))
+    }
+
     /// Ground truth of a stereo 2015 disparity map, in metres of the nominal rig (PROTOCOL 3.4).
     fn disparity(
         &self,
         job: &Job,
         kind: &str,
         stem: &str,
-        from: &Path,
+        from: &Source,
         size: (u32, u32),
         focal_px: f64,
     ) -> Piece<FileRef> {
         let path = format!("depth/{kind}/kitti2015/{stem}.exr");
-        if let Some(kept) = self.kept(&path)? {
+        if let Some(kept) = self.kept(&path, from.changed())? {
             return Ok(kept);
         }
-        let (width, height, raw) =
-            image_files::read_gray16(from).map_err(|e| Stop::input(from, e))?;
-        same_size(from, (width, height), size)?;
-        if raw.iter().all(|value| *value == 0) {
-            return Err(Stop::input(
-                from,
-                format!("{} has no measured pixel", from.display()),
-            ));
-        }
+        let (width, height, raw) = self.gray16(from, size)?;
         let focal_px = nominal_focal_px(size.0).unwrap_or(focal_px);
         // Disparity is stored times 256; 0 means no measurement.
         let depth_m = raw.iter().map(|value| match value {
@@ -640,23 +822,30 @@ impl Workshop<'_> {
         &self,
         kind: &str,
         stem: &str,
-        from: &Path,
+        from: &Source,
         size: (u32, u32),
-        check: fn(&Path) -> strat_store::Result<(usize, usize)>,
+        check: Check,
     ) -> Piece<FileRef> {
         let path = format!("labels/{kind}/kitti2015/{stem}.png");
-        if let Some(kept) = self.kept(&path)? {
+        if let Some(kept) = self.kept(&path, from.changed())? {
             return Ok(kept);
         }
-        same_size(from, check(from).map_err(|e| Stop::input(from, e))?, size)?;
-        self.put(path, &files::read(from).map_err(|e| Stop::input(from, e))?)
+        let bytes = from.read().map_err(|e| Stop::input(from, e))?;
+        let found = check(&bytes, &from.to_string()).map_err(|e| Stop::input(from, e))?;
+        same_size(from, found, size)?;
+        self.put(path, &bytes)
     }
 
     /// A file of an earlier run. Files appear whole, so its being there is enough, unless a
-    /// finished table knows it with another content.
-    fn kept(&self, path: &str) -> Piece<Option<FileRef>> {
+    /// finished table knows it with another content, or its input is newer: `changed` says when
+    /// that was last written or put into its place.
+    fn kept(&self, path: &str, changed: Option<SystemTime>) -> Piece<Option<FileRef>> {
         let place = self.out.join(path);
-        if !place.is_file() {
+        let Ok(metadata) = std::fs::metadata(&place) else {
+            return Ok(None);
+        };
+        let outdated = changed.is_some_and(|at| metadata.modified().is_ok_and(|made| made < at));
+        if outdated || !metadata.is_file() {
             return Ok(None);
         }
         let blake3 = files::blake3_file(&place).map_err(|e| Stop::Output(e.into()))?;
@@ -692,36 +881,36 @@ enum Side {
     Both,
 }
 
-fn same_size(file: &Path, found: (usize, usize), image: (u32, u32)) -> Piece<()> {
+/// Width and height of a label image, after a look at its bytes; the name is for messages.
+type Check = fn(&[u8], &str) -> strat_store::Result<(usize, usize)>;
+
+fn same_size(file: &Source, found: (usize, usize), image: (u32, u32)) -> Piece<()> {
     if found == (image.0 as usize, image.1 as usize) {
         return Ok(());
     }
     let ((w, h), (iw, ih)) = (found, image);
     Err(Stop::input(
         file,
-        format!(
-            "{} is {w}x{h}, but its left image is {iw}x{ih}",
-            file.display()
-        ),
+        format!("{file} is {w}x{h}, but its left image is {iw}x{ih}"),
     ))
 }
 
 fn failure(job: &Job, stop: Stop) -> Result<Failure> {
     match stop {
         Stop::Input { file, problem } => Ok(Failure {
-            role: job.role,
+            role: Some(job.role),
             id: job.id.clone(),
-            file: file.display().to_string(),
+            file,
             problem,
         }),
         Stop::Output(error) => Err(error),
     }
 }
 
-fn camera_entry(job: &Job, sample: &Sample) -> CameraEntry {
-    let name = match &job.input {
-        Input::Raw { frame, .. } => frame.drive.date.to_string(),
-        Input::Scene { .. } => "kitti2015".to_owned(),
+fn camera_entry(sample: &Sample) -> CameraEntry {
+    let name = match sample.drive().parse::<DriveId>() {
+        Ok(drive) => drive.date.to_string(),
+        Err(_) => sample.drive().to_owned(),
     };
     let Sample {
         width,
@@ -740,7 +929,7 @@ fn camera_entry(job: &Job, sample: &Sample) -> CameraEntry {
 }
 
 /// Hashes by path, from the tables of an earlier finished run; empty if there is none.
-fn known_hashes(out: &Path) -> HashMap<String, String> {
+pub(crate) fn known_hashes(out: &Path) -> HashMap<String, String> {
     let Ok(set) = PreparedSet::open(out) else {
         return HashMap::new();
     };
@@ -759,7 +948,7 @@ fn known_hashes(out: &Path) -> HashMap<String, String> {
 }
 
 /// Writes the list of failures, or removes that of an earlier run if there are none.
-fn write_failures(out: &Path, failures: &[Failure]) -> Result<()> {
+pub(crate) fn write_failures(out: &Path, failures: &[Failure]) -> Result<()> {
     let path = out.join(FAILURES);
     if failures.is_empty() {
         return match std::fs::remove_file(&path) {
@@ -778,4 +967,60 @@ fn write_failures(out: &Path, failures: &[Failure]) -> Result<()> {
         table.flush()
     })?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_set_that_cannot_fit_is_not_begun() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path();
+        let job = |index| {
+            let drive = strat_splits::drives()[0].id;
+            let source = Source::File(out.join("no file"));
+            Job {
+                role: Role::Train,
+                id: FrameId { drive, index }.to_string(),
+                input: Input::Raw {
+                    frame: FrameId { drive, index },
+                    left: source.clone(),
+                    right: source,
+                    scan: None,
+                    annotated: None,
+                },
+            }
+        };
+        let mut inventory = Inventory::default();
+        inventory.jobs.extend((0..1000).map(job));
+        let mut settings = Settings {
+            format: FORMAT,
+            split: Split::Kitti,
+            source: "kitti".to_owned(),
+            image_width: 512,
+            image_height: 256,
+            kernel: Kernel::Area,
+            codec: Codec::Png,
+        };
+        let png = bytes_to_write(out, &settings, &inventory, None);
+        assert_eq!(png, 1000 * 2 * 196_608, "1.5 bytes a pixel");
+        let first = &inventory.jobs[0].id;
+        files::write_atomic(
+            &out.join(format!("images/{}.png", first.replace('/', "/left/"))),
+            b"",
+        )
+        .unwrap();
+        let rest = bytes_to_write(out, &settings, &inventory, None);
+        assert_eq!(rest, 999 * 2 * 196_608, "what is there needs no room");
+        settings.codec = Codec::Jpeg(92);
+        let jpeg = bytes_to_write(out, &settings, &inventory, None);
+        assert!(jpeg < png / 4, "{jpeg}");
+
+        (settings.image_width, settings.image_height) = (1_000_000, 1_000_000);
+        let error = check_space(out, &settings, &inventory, None).unwrap_err();
+        assert_eq!(error.exit_code(), 1);
+        let text = error.to_string();
+        assert!(text.contains("about 600.0 TB will be written"), "{text}");
+    }
 }

@@ -12,22 +12,34 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Parser, Subcommand};
-use strat_splits::{Role, Split, counts, digest, test_ids, training, validation};
+use strat_splits::{
+    DriveId, DriveRole, Role, Split, counts, digest, drives, eigen_test, kitti2015_origin,
+    test_ids, training, validation,
+};
+use strat_store::image_files::Codec;
 use strat_store::resize::Kernel;
 
+use crate::annotated::AnnotatedFolder;
 use crate::build::{self, FAILURES, Report, Settings};
 use crate::error::{Error, Result};
-use crate::inventory::{self, Inventory};
-use crate::raw::RawFolder;
+use crate::inventory::{self, Inventory, Roles};
+use crate::merge::{self, Shard};
+use crate::plan;
+use crate::raw::{RENDERED, RawFolder};
 use crate::stereo2015::{Kind, SceneFolder};
 use crate::synth;
+use crate::verify;
+use crate::{cityscapes, export, make3d, pairs};
 
 const EXAMPLES: &str = "\
 Examples:
   prep kitti --raw kitti_raw --stereo2015 kitti2015 --semantics kitti_semantics --out sets/kitti
   prep eigen --raw kitti_raw --out sets/eigen
+  prep eigen --raw downloads --annotated data_depth_annotated.zip --codec jpeg --out sets/eigen
   prep eigen --raw kitti_raw --allow-missing --out sets/part      what is there of it
   prep splits kitti                                               what the split consists of
+  prep pairs --csv pairs.csv --out sets/own                       your own rectified pairs
+  prep export sets/eigen --kind velodyne --format npz --out gt    ground truth for NumPy
   prep synth --preset tiny --out world                            a rendered stand-in for KITTI
 
 A second run with the same options makes only what is missing.
@@ -47,18 +59,42 @@ enum Command {
     Kitti {
         #[command(flatten)]
         common: Common,
-        /// Folder into which KITTI stereo 2015 was unpacked; holds `training/image_2`.
-        #[arg(long, value_name = "DIR")]
+        /// KITTI stereo 2015: `data_scene_flow.zip` (with `data_scene_flow_calib.zip` beside it), the
+        /// folder of these, or the folder into which they were unpacked; holds `training/image_2`.
+        #[arg(long, value_name = "PATH")]
         stereo2015: PathBuf,
-        /// Folder into which KITTI semantics was unpacked; holds `training/semantic` (table 3.2).
-        #[arg(long, value_name = "DIR")]
+        /// KITTI semantics: `data_semantics.zip`, or the folder into which it was unpacked; holds
+        /// `training/semantic` (table 3.2).
+        #[arg(long, value_name = "PATH")]
         semantics: Option<PathBuf>,
     },
     /// Prepare the Eigen split: 23,158 training pairs, tested on 697 Velodyne scans (table 3.3).
     Eigen {
         #[command(flatten)]
         common: Common,
+        /// Annotated ("improved") depth of KITTI depth, for validation and test images:
+        /// `data_depth_annotated.zip`, or the folder into which it was unpacked; holds `train` and `val`.
+        #[arg(long, value_name = "PATH")]
+        annotated: Option<PathBuf>,
     },
+    /// Prepare your own rectified stereo pairs, named in a CSV file.
+    Pairs(pairs::Args),
+    /// Prepare the test images of Make3D.
+    Make3d(make3d::Args),
+    /// Prepare Cityscapes.
+    Cityscapes(cityscapes::Args),
+    /// Write ground truth of a prepared set for other programs: NumPy or 16-bit PNG.
+    Export(export::Args),
+    /// Make one set of the parts that runs with --shard have written.
+    Merge {
+        /// The folder that all of them were given as --out.
+        #[arg(value_name = "DIR")]
+        out: PathBuf,
+    },
+    /// Say what a preparation needs before it starts: archives, disk space, time.
+    Plan(plan::Args),
+    /// Check inputs or a prepared set: what is missing, cut off, unreadable or changed.
+    Verify(verify::Args),
     /// Show what a split consists of, beside the numbers the thesis states.
     Splits {
         /// The split.
@@ -73,9 +109,13 @@ enum Command {
 
 #[derive(Debug, clap::Args)]
 struct Common {
-    /// KITTI raw, "synced and rectified"; holds one folder per recording day.
-    #[arg(long, value_name = "DIR")]
-    raw: PathBuf,
+    /// KITTI raw, "synced and rectified": a folder with one folder per recording day, with the zip
+    /// archives as downloaded, or with both; or one archive.
+    #[arg(long, value_name = "PATH", required_unless_present = "test_only")]
+    raw: Option<PathBuf>,
+    /// Prepare the test images alone, to evaluate models; the KITTI split then needs no --raw.
+    #[arg(long)]
+    test_only: bool,
     /// Prepare what is there although parts of the split are missing.
     #[arg(long)]
     allow_missing: bool,
@@ -91,6 +131,15 @@ struct Common {
     /// Resize kernel: area (as the thesis' code), bilinear or lanczos3.
     #[arg(long, default_value_t = Kernel::Area)]
     kernel: Kernel,
+    /// How network-size images are stored: png (without loss) or jpeg (4:2:0, a fraction of the size).
+    #[arg(long, value_name = "CODEC", default_value = "png", value_parser = ["png", "jpeg"])]
+    codec: String,
+    /// Quality of --codec jpeg, from 1 to 100 [default: 92].
+    #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
+    quality: Option<u8>,
+    /// Prepare only one of N parts, numbered from 0; `prep merge` makes a set of all of them.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
     /// Threads to use [default: all cores].
     #[arg(long, value_name = "N", value_parser = parse_jobs)]
     jobs: Option<usize>,
@@ -100,6 +149,26 @@ struct Common {
     /// Folder to write to: new, empty, or of an earlier run with the same options.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+}
+
+impl Common {
+    fn roles(&self) -> Roles {
+        match (self.test_only, self.train_depth) {
+            (true, _) => Roles::Test,
+            (false, false) => Roles::All,
+            (false, true) => Roles::AllWithDepth,
+        }
+    }
+
+    fn codec(&self) -> Result<Codec> {
+        match (self.codec.as_str(), self.quality) {
+            ("jpeg", quality) => Ok(Codec::Jpeg(quality.unwrap_or(92))),
+            (_, None) => Ok(Codec::Png),
+            (_, Some(_)) => Err(Error::Usage(
+                "--quality is for --codec jpeg; PNG loses nothing".to_owned(),
+            )),
+        }
+    }
 }
 
 /// Runs the command and returns its exit code. The first argument is the program's name.
@@ -118,7 +187,14 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
             stereo2015,
             semantics,
         } => kitti(&common, &stereo2015, semantics.as_deref()),
-        Command::Eigen { common } => eigen(&common),
+        Command::Eigen { common, annotated } => eigen(&common, annotated.as_deref()),
+        Command::Pairs(args) => pairs::run(&args),
+        Command::Make3d(args) => make3d::run(&args),
+        Command::Cityscapes(args) => cityscapes::run(&args),
+        Command::Export(args) => export::run(&args),
+        Command::Merge { out } => merge(&out),
+        Command::Plan(args) => plan::run(&args),
+        Command::Verify(args) => verify::run(&args),
         Command::Splits { split, list } => {
             splits(split, list);
             Ok(0)
@@ -132,28 +208,48 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
     };
     done.unwrap_or_else(|error| {
         tell(format_args!("error: {error}"));
+        if error.is_full_disk() {
+            tell(
+                "The disk is full. Make room and run the same command again: finished files are kept.",
+            );
+        }
         error.exit_code()
     })
 }
 
 fn kitti(common: &Common, stereo2015: &Path, semantics: Option<&Path>) -> Result<u8> {
-    let raw = RawFolder::open(&common.raw)?;
+    let raw = match (&common.raw, common.test_only) {
+        (Some(root), false) => RawFolder::open(root)?,
+        _ => RawFolder::none(stereo2015.join(RENDERED).is_file()),
+    };
     let stereo = SceneFolder::open(stereo2015, Kind::Stereo)?;
     let labels = semantics
         .map(|path| SceneFolder::open(path, Kind::Semantics))
         .transpose()?;
-    let inventory = Inventory::kitti(&raw, &stereo, labels.as_ref(), common.train_depth);
-    let inputs: Vec<_> = [Some(&*common.raw), Some(stereo2015), semantics]
+    let roles = common.roles();
+    let inventory = Inventory::kitti(&raw, &stereo, labels.as_ref(), roles);
+    let inputs: Vec<_> = [common.raw.as_deref(), Some(stereo2015), semantics]
         .into_iter()
         .flatten()
         .collect();
     prepare(Split::Kitti, common, &raw, &inventory, &inputs)
 }
 
-fn eigen(common: &Common) -> Result<u8> {
-    let raw = RawFolder::open(&common.raw)?;
-    let inventory = Inventory::eigen(&raw, common.train_depth);
-    prepare(Split::Eigen, common, &raw, &inventory, &[&common.raw])
+fn eigen(common: &Common, annotated: Option<&Path>) -> Result<u8> {
+    let Some(root) = &common.raw else {
+        return Err(Error::Usage(
+            "the test images of the Eigen split are frames of KITTI raw: give it with --raw"
+                .to_owned(),
+        ));
+    };
+    let raw = RawFolder::open(root)?;
+    let folder = annotated.map(AnnotatedFolder::open).transpose()?;
+    let inventory = Inventory::eigen(&raw, folder.as_ref(), common.roles());
+    let inputs: Vec<_> = [common.raw.as_deref(), annotated]
+        .into_iter()
+        .flatten()
+        .collect();
+    prepare(Split::Eigen, common, &raw, &inventory, &inputs)
 }
 
 fn prepare(
@@ -163,7 +259,14 @@ fn prepare(
     inventory: &Inventory,
     inputs: &[&Path],
 ) -> Result<u8> {
-    let settings = Settings::new(split, raw, common.width, common.height, common.kernel);
+    let settings = Settings::new(
+        split,
+        raw,
+        common.width,
+        common.height,
+        common.kernel,
+        common.codec()?,
+    );
     build::check_output(&common.out, inputs, &settings)?;
     let looked_in: Vec<_> = inputs
         .iter()
@@ -181,7 +284,7 @@ fn prepare(
             "the {split} split is incomplete, so nothing was written: {}.\n\
              Missing, looked for in {}:\n{gaps}\
              Download what is missing (a drive is the archive <drive>_sync.zip of KITTI raw, a day's calibration \
-             <day>_calib.zip), or prepare what is there with --allow-missing.",
+             <day>_calib.zip; they need not be unpacked), or prepare what is there with --allow-missing.",
             inventory.summary(),
             looked_in.join(", ")
         )));
@@ -193,25 +296,52 @@ fn prepare(
             gaps.trim_end()
         ));
     }
+    build::check_space(&common.out, &settings, inventory, common.shard)?;
     let report = build::build(
         &common.out,
         &settings,
         raw,
         inventory,
+        common.shard,
         common.jobs,
         common.quiet,
     )?;
-    conclude(&common.out, &report);
+    conclude(&common.out, common.shard, &report);
     Ok(u8::from(!report.failures.is_empty()))
 }
 
-fn conclude(out: &Path, report: &Report) {
+fn merge(out: &Path) -> Result<u8> {
+    let (set, failures) = merge::merge(out)?;
+    let report = Report {
+        set,
+        failures,
+        written: 0,
+        kept: 0,
+    };
+    conclude(out, None, &report);
+    Ok(u8::from(!report.failures.is_empty()))
+}
+
+fn conclude(out: &Path, shard: Option<Shard>, report: &Report) {
     let manifest = &report.set.manifest;
     say(inventory::summary(&manifest.counts));
-    say(format_args!(
-        "{} files written, {} kept",
-        report.written, report.kept
-    ));
+    if report.written + report.kept > 0 {
+        say(format_args!(
+            "{} files written, {} kept",
+            report.written, report.kept
+        ));
+    }
+    if let Some(shard) = shard {
+        say(format_args!(
+            "part {shard} of {} ({} split, {} data); when all parts are there: prep merge {}",
+            out.display(),
+            manifest.content,
+            manifest.source,
+            out.display()
+        ));
+        report_failures(report);
+        return;
+    }
     say(format_args!(
         "set {} ({} split, {} data)",
         out.display(),
@@ -219,12 +349,16 @@ fn conclude(out: &Path, report: &Report) {
         manifest.source
     ));
     say(format_args!("digest {}", manifest.data_digest));
+    report_failures(report);
+}
+
+fn report_failures(report: &Report) {
     if !report.failures.is_empty() {
         tell(format_args!(
             "error: {} input files could not be used; they are listed in {}. Replace them and run the same \
              command again: only what is missing is made.",
             report.failures.len(),
-            out.join(FAILURES).display()
+            report.set.root.join(FAILURES).display()
         ));
     }
 }
@@ -236,8 +370,6 @@ fn splits(split: Split, list: Option<Role>) {
         Some(Role::Test) => test_ids(split).iter().for_each(say),
         None => {
             let counted = counts(split);
-            // Drive counts of the two splits are swapped in the thesis, and the validation and
-            // training sizes follow from them (PROTOCOL 2.1).
             let thesis = match split {
                 Split::Kitti => [33, 28, 30_159, 29_829, 330, 200],
                 Split::Eigen => [32, 29, 23_488, 23_168, 320, 697],
@@ -258,26 +390,68 @@ fn splits(split: Split, list: Option<Role>) {
                 ));
             }
             say(format_args!("digest {}", digest(split)));
+            say(why(split));
         }
     }
 }
 
-fn parse_role(text: &str) -> std::result::Result<Role, String> {
+/// Why the counts differ from the thesis' (PROTOCOL 2.1), and what must not be done with the
+/// other split (PROTOCOL 2.3).
+fn why(split: Split) -> String {
+    let trains = |drive: DriveId, split: Split| {
+        let row = drives().iter().find(|row| row.id == drive);
+        row.is_some_and(|row| row.role(split) == DriveRole::Train)
+    };
+    let counted = counts(split);
+    let reason = format!(
+        "The thesis has the drive counts of the two splits exchanged: its {} pairs are those of the {} drives \
+         counted here. Ten validation pairs of each make {} and leave {} to train on.",
+        counted.train + counted.val,
+        counted.training_drives,
+        counted.val,
+        counted.train
+    );
+    let leak = match split {
+        Split::Kitti => {
+            let frames = kitti2015_origin().iter().flatten();
+            let (known, seen) = (
+                frames.clone().count(),
+                frames.filter(|f| trains(f.drive, Split::Eigen)).count(),
+            );
+            format!(
+                "Never test a model of the Eigen split on this one: {seen} of the {known} test images whose \
+                 recording is known come from its training drives."
+            )
+        }
+        Split::Eigen => {
+            let frames = eigen_test().iter();
+            let seen = frames.filter(|f| trains(f.drive, Split::Kitti)).count();
+            format!(
+                "Never test a model of the KITTI split on this one: {seen} of the {} test images come from its \
+                 training drives.",
+                eigen_test().len()
+            )
+        }
+    };
+    format!("\n{reason}\n{leak}")
+}
+
+pub(crate) fn parse_role(text: &str) -> std::result::Result<Role, String> {
     let role = Role::ALL.into_iter().find(|role| role.as_str() == text);
     role.ok_or_else(|| "the roles are train, val and test".to_owned())
 }
 
-fn parse_jobs(text: &str) -> std::result::Result<usize, String> {
+pub(crate) fn parse_jobs(text: &str) -> std::result::Result<usize, String> {
     let jobs = text.parse().ok().filter(|jobs| (1..=4096).contains(jobs));
     jobs.ok_or_else(|| "give a number of threads from 1 to 4096".to_owned())
 }
 
 /// A line on stdout. A reader that went away is no reason to fail.
-fn say(line: impl Display) {
+pub(crate) fn say(line: impl Display) {
     let _ = writeln!(std::io::stdout().lock(), "{line}");
 }
 
 /// A line on stderr.
-fn tell(line: impl Display) {
+pub(crate) fn tell(line: impl Display) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }

@@ -13,7 +13,9 @@ use strat_splits::{
 };
 use strat_store::set::Count;
 
+use crate::annotated::AnnotatedFolder;
 use crate::raw::RawFolder;
+use crate::source::Source;
 use crate::stereo2015::SceneFolder;
 
 /// One sample to be made.
@@ -35,30 +37,32 @@ pub enum Input {
         /// The frame.
         frame: FrameId,
         /// Left image.
-        left: PathBuf,
+        left: Source,
         /// Right image.
-        right: PathBuf,
+        right: Source,
         /// Velodyne scan, where depth is to be made of it.
-        scan: Option<PathBuf>,
+        scan: Option<Source>,
+        /// Annotated depth.
+        annotated: Option<Source>,
     },
     /// A scene of stereo 2015.
     Scene {
         /// Number of the scene.
         number: usize,
         /// Left image.
-        left: PathBuf,
+        left: Source,
         /// Right image.
-        right: PathBuf,
+        right: Source,
         /// Disparity of pixels visible in both images.
-        noc: PathBuf,
+        noc: Source,
         /// Disparity of all measured pixels.
-        occ: Option<PathBuf>,
+        occ: Option<Source>,
         /// Calibration text.
-        calibration: Option<PathBuf>,
+        calibration: Option<Source>,
         /// Label ids.
-        semantic: Option<PathBuf>,
+        semantic: Option<Source>,
         /// Instance ids.
-        instance: Option<PathBuf>,
+        instance: Option<Source>,
     },
 }
 
@@ -69,6 +73,8 @@ pub struct Inventory {
     pub jobs: Vec<Job>,
     /// Samples expected and possible per role.
     pub counts: BTreeMap<Role, Count>,
+    /// Archives and folders of the input that cannot be read, with the reason.
+    pub broken: Vec<(PathBuf, String)>,
     needed: Gaps,
     useful: Gaps,
     notes: Vec<String>,
@@ -94,20 +100,35 @@ enum Place {
 /// Kind of gap of a drive that has no folder at all.
 const NO_FOLDER: &str = "folder";
 
+/// What of a split is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Roles {
+    /// The test images alone.
+    Test,
+    /// All roles; depth for validation and test images.
+    All,
+    /// All roles, with depth for training images too.
+    AllWithDepth,
+}
+
 impl Inventory {
     /// Looks up everything the KITTI split asks for.
     pub fn kitti(
         raw: &RawFolder,
         stereo: &SceneFolder,
         semantics: Option<&SceneFolder>,
-        train_depth: bool,
+        roles: Roles,
     ) -> Self {
         let mut inventory = Self::default();
-        inventory.add_raw(raw, Split::Kitti, train_depth);
+        inventory.add_raw(raw, Split::Kitti, roles, None);
+        inventory.broken.extend(stereo.broken.iter().cloned());
+        if let Some(semantics) = semantics {
+            inventory.broken.extend(semantics.broken.iter().cloned());
+        }
         for number in 0..kitti2015_origin().len() {
             inventory.count(Role::Test, 1, 0);
             let name = format!("{number:06}_10");
-            let mut look = |gaps: fn(&mut Self) -> &mut Gaps, kind, found: Option<PathBuf>| {
+            let mut look = |gaps: fn(&mut Self) -> &mut Gaps, kind, found: Option<Source>| {
                 tally(
                     gaps(&mut inventory),
                     Place::Scenes,
@@ -178,11 +199,14 @@ impl Inventory {
     }
 
     /// Looks up everything the Eigen split asks for.
-    pub fn eigen(raw: &RawFolder, train_depth: bool) -> Self {
+    pub fn eigen(raw: &RawFolder, annotated: Option<&AnnotatedFolder>, roles: Roles) -> Self {
         let mut inventory = Self::default();
-        inventory.add_raw(raw, Split::Eigen, train_depth);
+        inventory.add_raw(raw, Split::Eigen, roles, annotated);
         for frame in eigen_test() {
-            inventory.add_frame(raw, *frame, Role::Test, true);
+            inventory.add_frame(raw, *frame, Role::Test, true, annotated);
+        }
+        if annotated.is_some() {
+            inventory.note_annotated();
         }
         inventory.finished()
     }
@@ -214,23 +238,47 @@ impl Inventory {
             text.push_str("Samples are made without these, and are less useful for it:\n");
             describe(&mut text, &self.useful);
         }
+        for (_, problem) in &self.broken {
+            let _ = writeln!(text, "  {problem}");
+        }
         for note in &self.notes {
             let _ = writeln!(text, "  {note}");
         }
         text
     }
 
-    fn add_raw(&mut self, raw: &RawFolder, split: Split, train_depth: bool) {
+    fn add_raw(
+        &mut self,
+        raw: &RawFolder,
+        split: Split,
+        roles: Roles,
+        annotated: Option<&AnnotatedFolder>,
+    ) {
+        self.broken.extend(raw.broken.iter().cloned());
         self.note_calibrations(raw, split);
+        if roles == Roles::Test {
+            // The split has them all the same, and the set will say that it has none of them.
+            self.count(Role::Train, training(split).len() as u64, 0);
+            self.count(Role::Val, validation(split).len() as u64, 0);
+            return;
+        }
+        let train_depth = roles == Roles::AllWithDepth;
         for frame in training(split) {
-            self.add_frame(raw, frame, Role::Train, train_depth);
+            self.add_frame(raw, frame, Role::Train, train_depth, None);
         }
         for frame in validation(split) {
-            self.add_frame(raw, frame, Role::Val, true);
+            self.add_frame(raw, frame, Role::Val, true, annotated);
         }
     }
 
-    fn add_frame(&mut self, raw: &RawFolder, frame: FrameId, role: Role, depth: bool) {
+    fn add_frame(
+        &mut self,
+        raw: &RawFolder,
+        frame: FrameId,
+        role: Role,
+        depth: bool,
+        annotated: Option<&AnnotatedFolder>,
+    ) {
         self.count(role, 1, 0);
         let place = Place::Drive(frame.drive);
         if !raw.has_drive(frame.drive) {
@@ -278,9 +326,10 @@ impl Inventory {
                 id: frame.to_string(),
                 input: Input::Raw {
                     frame,
-                    left: left.to_owned(),
-                    right: right.to_owned(),
-                    scan: scan.map(ToOwned::to_owned),
+                    left: left.clone(),
+                    right: right.clone(),
+                    scan: scan.cloned(),
+                    annotated: annotated.and_then(|folder| folder.depth(frame)),
                 },
             });
         }
@@ -308,6 +357,23 @@ impl Inventory {
                 (Ok(_), Ok(_)) => {}
             }
         }
+    }
+
+    /// Says how many frames have annotated depth. It is no gap where one has not: KITTI depth
+    /// leaves out the ends of every drive.
+    fn note_annotated(&mut self) {
+        let of = |role| {
+            let jobs = self.jobs.iter().filter(|job| job.role == role);
+            let with = jobs.clone().filter(
+                |job| matches!(&job.input, Input::Raw { annotated, .. } if annotated.is_some()),
+            );
+            (with.count(), jobs.count())
+        };
+        let ((test, tests), (val, vals)) = (of(Role::Test), of(Role::Val));
+        self.notes.push(format!(
+            "annotated depth: {test} of {tests} test images have it, {val} of {vals} validation images \
+             (of all 697 test images 652 can)"
+        ));
     }
 
     fn count(&mut self, role: Role, expected: u64, found: u64) {

@@ -1,26 +1,44 @@
-//! The folders of KITTI raw, "synced and rectified" (PROTOCOL 1.1).
+//! KITTI raw, "synced and rectified" (PROTOCOL 1.1): unpacked folders, the zip archives as KITTI
+//! hands them out, or both mixed.
 //!
 //! Only names are looked at and calibration files read; no image or scan is opened here.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use strat_geometry::{CamToCam, VeloToCam, velodyne_projection};
 use strat_splits::{Date, DriveId, FrameId};
 
 use crate::error::{Error, Result};
+use crate::source::{self, Source};
 
 const OPTION: &str = "--raw";
 
-/// A KITTI raw folder: what it has of calibrations, drives and frames.
+/// Left images, right images and scans: their folders and endings.
+const KINDS: [(&str, &[&str]); 3] = [
+    ("image_02", &IMAGE_ENDINGS),
+    ("image_03", &IMAGE_ENDINGS),
+    ("velodyne_points", &["bin"]),
+];
+
+/// Calibration of the cameras and of the scanner.
+const CALIBRATIONS: [&str; 2] = ["calib_cam_to_cam.txt", "calib_velo_to_cam.txt"];
+
+/// KITTI raw: what is there of calibrations, drives and frames.
+///
+/// A frame that is there more than once is taken from a folder rather than from an archive, and
+/// of one place the PNG rather than the JPEG.
 #[derive(Debug)]
 pub struct RawFolder {
-    /// The folder.
+    /// The folder or archive.
     pub root: PathBuf,
     /// Whether it was rendered by `prep synth`.
     pub rendered: bool,
+    /// Archives and folders that cannot be read, with the reason.
+    pub broken: Vec<(PathBuf, String)>,
     days: BTreeMap<Date, Day>,
-    drives: BTreeMap<DriveId, DriveFolder>,
+    drives: BTreeMap<DriveId, Drive>,
 }
 
 /// Calibration of a recording day; the texts say why it is not there.
@@ -30,21 +48,51 @@ pub struct Day {
     pub cameras: std::result::Result<CamToCam, String>,
     /// From Velodyne points to left pixels.
     pub projection: std::result::Result<[[f64; 4]; 3], String>,
+    /// When the later of the files was written or put into place.
+    pub changed: Option<SystemTime>,
 }
 
-/// The files of a drive by frame number.
+/// The files of a drive by kind (see [`KINDS`]) and frame number.
 #[derive(Debug, Default)]
-struct DriveFolder {
-    left: BTreeMap<u32, PathBuf>,
-    right: BTreeMap<u32, PathBuf>,
-    scans: BTreeMap<u32, PathBuf>,
+struct Drive([BTreeMap<u32, Source>; 3]);
+
+/// What a walk through folders and archives has found so far.
+#[derive(Default)]
+struct Found {
+    rendered: bool,
+    broken: Vec<(PathBuf, String)>,
+    calibrations: BTreeMap<(Date, &'static str), Source>,
+    days: BTreeMap<Date, PathBuf>,
+    drives: BTreeMap<DriveId, Drive>,
 }
+
+/// What the name of an entry says it is.
+enum Meaning {
+    Rendered,
+    Calibration(Date, &'static str),
+    Frame(DriveId, usize, u32),
+}
+
+/// File that marks a folder as rendered by `prep synth`.
+pub const RENDERED: &str = "RENDERED";
 
 impl RawFolder {
-    /// Looks through a folder with one sub-folder per recording day.
+    /// No folder at all, for what needs none.
+    pub fn none(rendered: bool) -> Self {
+        Self {
+            root: PathBuf::new(),
+            rendered,
+            broken: Vec::new(),
+            days: BTreeMap::new(),
+            drives: BTreeMap::new(),
+        }
+    }
+
+    /// Looks through a folder with one sub-folder per recording day, or archives, or both; or
+    /// through one archive. Archives are looked for in the folder and in those of the days.
     ///
     /// # Errors
-    /// It is no folder, cannot be read, or holds no recording day; the message says what it
+    /// It is neither, cannot be read, or holds no recording day; the message says what it
     /// holds instead where that is recognised.
     pub fn open(root: &Path) -> Result<Self> {
         let wrong = |problem: String| Error::Input {
@@ -52,151 +100,246 @@ impl RawFolder {
             path: root.to_owned(),
             problem,
         };
-        let entries = list(root).map_err(|e| wrong(e.to_string()))?;
-        let mut days = BTreeMap::new();
-        let mut drives = BTreeMap::new();
-        for date in Date::ALL {
-            let folder = root.join(date.as_str());
-            if !folder.is_dir() {
-                continue;
+        let mut found = Found::default();
+        if root.is_file() && source::is_archive(&root.to_string_lossy()) {
+            found.add_archive(root).map_err(wrong)?;
+            if found.days.is_empty() {
+                return Err(wrong(
+                    "this archive is none of KITTI raw: it holds no recording day, e.g. \
+                     2011_09_26/2011_09_26_drive_0001_sync"
+                        .to_owned(),
+                ));
             }
-            days.insert(date, Day::read(&folder));
-            for name in list(&folder).map_err(|e| wrong(e.to_string()))? {
-                let Ok(id) = name.parse::<DriveId>() else {
-                    continue;
-                };
-                let path = folder.join(&name);
-                if id.date == date && path.is_dir() {
-                    let drive: &mut DriveFolder = drives.entry(id).or_default();
-                    drive.add(&path).map_err(|e| wrong(e.to_string()))?;
+        } else {
+            let entries = list(root).map_err(|e| wrong(e.to_string()))?;
+            found.rendered = root.join(RENDERED).is_file();
+            let mut archives = archives_of(root, &entries);
+            for date in Date::ALL {
+                let folder = root.join(date.as_str());
+                if folder.is_dir() {
+                    archives.extend(found.add_day(date, &folder));
                 }
             }
+            for archive in archives {
+                if let Err(problem) = found.add_archive(&archive) {
+                    found.broken.push((archive, problem));
+                }
+            }
+            if found.days.is_empty() {
+                let broken = found.broken.first().map(|(_, problem)| problem.clone());
+                return Err(wrong(broken.unwrap_or_else(|| explain(root, &entries))));
+            }
         }
-        if days.is_empty() {
-            return Err(wrong(explain(root, &entries)));
-        }
+        let calibrations = found.calibrations;
+        let day = |(date, place): (Date, PathBuf)| {
+            let files = CALIBRATIONS.map(|name| calibrations.get(&(date, name)));
+            (date, Day::read(&place, files))
+        };
         Ok(Self {
             root: root.to_owned(),
-            rendered: root.join("RENDERED").is_file(),
-            days,
-            drives,
+            rendered: found.rendered,
+            broken: found.broken,
+            days: found.days.into_iter().map(day).collect(),
+            drives: found.drives,
         })
     }
 
-    /// Calibration of a day; `None` if the day has no folder.
+    /// Calibration of a day; `None` if nothing of the day is there.
     pub fn day(&self, date: Date) -> Option<&Day> {
         self.days.get(&date)
     }
 
-    /// Whether a drive has a folder.
+    /// Whether anything of a drive is there.
     pub fn has_drive(&self, drive: DriveId) -> bool {
         self.drives.contains_key(&drive)
     }
 
     /// The left image of a frame.
-    pub fn left(&self, frame: FrameId) -> Option<&Path> {
-        self.drives
-            .get(&frame.drive)?
-            .left
-            .get(&frame.index)
-            .map(PathBuf::as_path)
+    pub fn left(&self, frame: FrameId) -> Option<&Source> {
+        self.file(frame, 0)
     }
 
     /// The right image of a frame.
-    pub fn right(&self, frame: FrameId) -> Option<&Path> {
-        self.drives
-            .get(&frame.drive)?
-            .right
-            .get(&frame.index)
-            .map(PathBuf::as_path)
+    pub fn right(&self, frame: FrameId) -> Option<&Source> {
+        self.file(frame, 1)
     }
 
     /// The Velodyne scan of a frame.
-    pub fn scan(&self, frame: FrameId) -> Option<&Path> {
-        self.drives
-            .get(&frame.drive)?
-            .scans
-            .get(&frame.index)
-            .map(PathBuf::as_path)
+    pub fn scan(&self, frame: FrameId) -> Option<&Source> {
+        self.file(frame, 2)
+    }
+
+    fn file(&self, frame: FrameId, kind: usize) -> Option<&Source> {
+        self.drives.get(&frame.drive)?.0[kind].get(&frame.index)
+    }
+}
+
+impl Found {
+    /// Adds the folder of a day and returns the archives in it. What cannot be listed is noted
+    /// and costs nothing else.
+    fn add_day(&mut self, date: Date, folder: &Path) -> Vec<PathBuf> {
+        self.days.insert(date, folder.to_owned());
+        for name in CALIBRATIONS {
+            let path = folder.join(name);
+            if path.exists() {
+                self.calibrations.insert((date, name), Source::File(path));
+            }
+        }
+        let Some(entries) = self.noted(folder) else {
+            return Vec::new();
+        };
+        for name in &entries {
+            let path = folder.join(name);
+            match name.parse::<DriveId>() {
+                Ok(id) if id.date == date && path.is_dir() => self.add_drive(id, &path),
+                _ => {}
+            }
+        }
+        archives_of(folder, &entries)
+    }
+
+    fn add_drive(&mut self, id: DriveId, folder: &Path) {
+        self.drives.entry(id).or_default();
+        for (kind, (name, endings)) in KINDS.iter().enumerate() {
+            // Some copies leave out the level `data`.
+            for place in [folder.join(name).join("data"), folder.join(name)] {
+                if !place.is_dir() {
+                    continue;
+                }
+                for name in self.noted(&place).unwrap_or_default() {
+                    if let Some(index) = frame_number(&name, endings) {
+                        let source = Source::File(place.join(&name));
+                        self.add_file(id, kind, index, source);
+                    }
+                }
+            }
+        }
+    }
+
+    fn add_archive(&mut self, path: &Path) -> std::result::Result<(), String> {
+        let entries = source::entries(path, |name| meaning(name).is_some())?;
+        for entry in entries {
+            match meaning(entry.name()) {
+                Some(Meaning::Rendered) => self.rendered = true,
+                Some(Meaning::Calibration(date, name)) => {
+                    self.days.entry(date).or_insert_with(|| path.to_owned());
+                    let file = self.calibrations.entry((date, name));
+                    file.or_insert(Source::Entry(entry));
+                }
+                Some(Meaning::Frame(id, kind, index)) => {
+                    self.days.entry(id.date).or_insert_with(|| path.to_owned());
+                    self.add_file(id, kind, index, Source::Entry(entry));
+                }
+                None => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds a file; of two of the same frame the better one stays.
+    fn add_file(&mut self, id: DriveId, kind: usize, index: u32, source: Source) {
+        let files = &mut self.drives.entry(id).or_default().0[kind];
+        let rank = |source: &Source| (source.is_file(), source.ending() == "png");
+        match files.get(&index) {
+            Some(known) if rank(known) >= rank(&source) => {}
+            _ => {
+                files.insert(index, source);
+            }
+        }
+    }
+
+    fn noted(&mut self, folder: &Path) -> Option<Vec<String>> {
+        match names(folder) {
+            Ok(names) => Some(names),
+            Err(error) => {
+                self.broken.push((folder.to_owned(), error.to_string()));
+                None
+            }
+        }
     }
 }
 
 impl Day {
-    fn read(folder: &Path) -> Self {
-        let read = |name: &str| {
-            let path = folder.join(name);
-            let bytes = std::fs::read(&path).map_err(|e| match e.kind() {
-                std::io::ErrorKind::NotFound => format!("{} is missing", path.display()),
-                _ => format!("{} cannot be read: {e}", path.display()),
+    /// Reads the calibration files of a day that was found at `place`.
+    fn read(place: &Path, [cam_to_cam, velo_to_cam]: [Option<&Source>; 2]) -> Self {
+        let read = |file: Option<&Source>, name: &str| {
+            let file = file.ok_or_else(|| {
+                if place.is_dir() {
+                    format!("{} is missing", place.join(name).display())
+                } else {
+                    format!("{name} is missing; it is in the archive <day>_calib.zip")
+                }
             })?;
+            let bytes = file.read().map_err(|e| e.to_string())?;
             // Whatever is not text can only spoil its own line.
-            Ok::<_, String>((path, String::from_utf8_lossy(&bytes).into_owned()))
+            Ok::<_, String>((
+                file.to_string(),
+                String::from_utf8_lossy(&bytes).into_owned(),
+            ))
         };
-        let cameras = read("calib_cam_to_cam.txt").and_then(|(path, text)| {
-            CamToCam::parse(&text).map_err(|e| format!("{}: {e}", path.display()))
-        });
-        let projection = read("calib_velo_to_cam.txt")
-            .and_then(|(path, text)| {
-                VeloToCam::parse(&text).map_err(|e| format!("{}: {e}", path.display()))
-            })
+        let cameras = read(cam_to_cam, CALIBRATIONS[0])
+            .and_then(|(file, text)| CamToCam::parse(&text).map_err(|e| format!("{file}: {e}")));
+        let projection = read(velo_to_cam, CALIBRATIONS[1])
+            .and_then(|(file, text)| VeloToCam::parse(&text).map_err(|e| format!("{file}: {e}")))
             .and_then(|velo| {
                 Ok(velodyne_projection(
                     cameras.as_ref().map_err(Clone::clone)?,
                     &velo,
                 ))
             });
+        let files = [cam_to_cam, velo_to_cam].into_iter().flatten();
         Self {
             cameras,
             projection,
+            changed: files.filter_map(Source::changed).max(),
         }
     }
 }
 
-impl DriveFolder {
-    /// Adds the files of a drive folder; what is known already stays.
-    fn add(&mut self, folder: &Path) -> std::io::Result<()> {
-        for (files, place) in [
-            (&mut self.left, "image_02/data"),
-            (&mut self.right, "image_03/data"),
-            (&mut self.scans, "velodyne_points/data"),
-        ] {
-            let place = folder.join(place);
-            if !place.is_dir() {
-                continue;
-            }
-            for name in names(&place)? {
-                let Some((stem, ending)) = name.rsplit_once('.') else {
-                    continue;
-                };
-                let wanted: &[&str] = if place.ends_with("velodyne_points/data") {
-                    &["bin"]
-                } else {
-                    IMAGE_ENDINGS
-                };
-                if stem.len() != 10
-                    || !stem.bytes().all(|b| b.is_ascii_digit())
-                    || !wanted.contains(&ending)
-                {
-                    continue;
-                }
-                let Ok(index) = stem.parse() else { continue };
-                let path = place.join(&name);
-                match files.get(&index) {
-                    // Names come sorted, so a PNG is seen after a JPEG of the same frame.
-                    Some(known)
-                        if ending != "png" || known.extension().is_some_and(|e| e == "png") => {}
-                    _ => {
-                        files.insert(index, path);
-                    }
-                }
-            }
-        }
-        Ok(())
+/// The frame number of a name like `0000000005.png` with one of the endings.
+fn frame_number(name: &str, endings: &[&str]) -> Option<u32> {
+    let (stem, ending) = name.rsplit_once('.')?;
+    let digits = stem.len() == 10 && stem.bytes().all(|b| b.is_ascii_digit());
+    (digits && endings.contains(&ending))
+        .then(|| stem.parse().ok())
+        .flatten()
+}
+
+/// What an entry of an archive is, from its name as KITTI ships it; folders around the day's are
+/// passed over.
+fn meaning(name: &str) -> Option<Meaning> {
+    if name == RENDERED {
+        return Some(Meaning::Rendered);
     }
+    let parts: Vec<_> = name.split('/').collect();
+    let day = |part: &&str| Date::ALL.into_iter().find(|date| date.as_str() == *part);
+    let at = parts.iter().position(|part| day(part).is_some())?;
+    let date = day(&parts[at])?;
+    match parts[at + 1..] {
+        [file] => {
+            let name = CALIBRATIONS.into_iter().find(|name| *name == file)?;
+            Some(Meaning::Calibration(date, name))
+        }
+        [drive, folder, "data", file] | [drive, folder, file] => {
+            let id: DriveId = drive.parse().ok().filter(|id: &DriveId| id.date == date)?;
+            let kind = KINDS.iter().position(|(name, _)| *name == folder)?;
+            Some(Meaning::Frame(id, kind, frame_number(file, KINDS[kind].1)?))
+        }
+        _ => None,
+    }
+}
+
+/// The archives among the entries of a folder.
+fn archives_of(folder: &Path, entries: &[String]) -> Vec<PathBuf> {
+    let archives = entries.iter().filter(|name| source::is_archive(name));
+    archives
+        .map(|name| folder.join(name))
+        .filter(|path| path.is_file())
+        .collect()
 }
 
 /// Endings of images, of which PNG is preferred: it is the original.
-pub(crate) const IMAGE_ENDINGS: &[&str] = &["png", "jpg", "jpeg"];
+pub(crate) const IMAGE_ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// The names in a folder, sorted; an error says that there is no folder or what else is wrong.
 fn list(folder: &Path) -> std::io::Result<Vec<String>> {
@@ -207,7 +350,9 @@ fn list(folder: &Path) -> std::io::Result<Vec<String>> {
         ));
     }
     if !folder.is_dir() {
-        return Err(std::io::Error::other("this is a file; a folder is needed"));
+        return Err(std::io::Error::other(
+            "this is a file; a folder or one of KITTI's zip archives is needed",
+        ));
     }
     names(folder)
 }
@@ -269,11 +414,10 @@ fn explain(root: &Path, entries: &[String]) -> String {
             inner.display()
         );
     }
-    if let Some(archive) = entries
-        .iter()
-        .find(|name| name.starts_with("2011_") && name.ends_with(".zip"))
-    {
-        return format!("{LAYOUT}. There are archives ({archive}); unpack them here first");
+    if let Some(archive) = entries.iter().find(|name| source::is_archive(name)) {
+        return format!(
+            "{LAYOUT}, or the archives as KITTI ships them; {archive} is none of KITTI raw"
+        );
     }
     if entries.iter().any(|name| name == "training") {
         return format!(

@@ -1,13 +1,16 @@
-//! The folders of KITTI stereo 2015 and of KITTI semantics, training part (PROTOCOL 1.2, 1.3).
+//! KITTI stereo 2015 and KITTI semantics, training part (PROTOCOL 1.2, 1.3): unpacked folders or
+//! the zip archives as KITTI hands them out.
 //!
 //! Only names are looked at; no image is opened here.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use strat_splits::Date;
 
 use crate::error::{Error, Result};
-use crate::raw::IMAGE_ENDINGS;
+use crate::raw::{IMAGE_ENDINGS, names};
+use crate::source::{self, Source};
 
 /// Which data set a folder should be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,23 +21,33 @@ pub enum Kind {
     Semantics,
 }
 
-/// A folder with a `training` sub-folder of numbered scenes.
+/// A `training` folder of numbered scenes, on disk or in archives. What is there twice is taken
+/// from the folder.
 #[derive(Debug)]
 pub struct SceneFolder {
-    /// The folder.
+    /// The folder or archive.
     pub root: PathBuf,
+    /// Archives that cannot be read, with the reason.
+    pub broken: Vec<(PathBuf, String)>,
     training: PathBuf,
+    /// Files in archives by their name below `training/`.
+    packed: BTreeMap<String, Source>,
 }
 
 impl SceneFolder {
-    /// Checks that `root/training` has the sub-folders of its kind.
+    /// Checks that `root/training` has the sub-folders of its kind, or that `root` is or holds
+    /// the archives that have them.
     ///
     /// # Errors
-    /// It is no folder or lacks what every download of this kind has.
+    /// It is neither, or lacks what every download of this kind has.
     pub fn open(root: &Path, kind: Kind) -> Result<Self> {
-        let (option, needed): (_, &[&str]) = match kind {
-            Kind::Stereo => ("--stereo2015", &["image_2", "image_3", "disp_noc_0"]),
-            Kind::Semantics => ("--semantics", &["semantic"]),
+        let (option, archive, needed): (_, _, &[&str]) = match kind {
+            Kind::Stereo => (
+                "--stereo2015",
+                "data_scene_flow",
+                &["image_2", "image_3", "disp_noc_0"],
+            ),
+            Kind::Semantics => ("--semantics", "data_semantics", &["semantic"]),
         };
         let wrong = |problem: String| Error::Input {
             option,
@@ -57,11 +70,30 @@ impl SceneFolder {
             )));
         }
         let training = root.join("training");
+        let mut packed = BTreeMap::new();
+        let mut broken = Vec::new();
+        for path in archives(root, archive) {
+            match source::entries(&path, |name| below_training(name).is_some()) {
+                Ok(entries) => packed.extend(entries.into_iter().filter_map(|entry| {
+                    let name = below_training(entry.name())?.to_owned();
+                    Some((name, Source::Entry(entry)))
+                })),
+                Err(problem) if path == root => return Err(wrong(problem)),
+                Err(problem) => broken.push((path, problem)),
+            }
+        }
+        let is_packed = |folder: &str| {
+            let first = packed.range(format!("{folder}/")..).next();
+            first.is_some_and(|(name, _)| name.starts_with(&format!("{folder}/")))
+        };
         let missing: Vec<_> = needed
             .iter()
-            .filter(|name| !training.join(name).is_dir())
+            .filter(|name| !training.join(name).is_dir() && !is_packed(name))
             .collect();
         if missing.len() == needed.len() {
+            if let Some((_, problem)) = broken.first() {
+                return Err(wrong(problem.clone()));
+            }
             let empty = root.is_dir()
                 && std::fs::read_dir(root).is_ok_and(|mut entries| entries.next().is_none());
             let what = if empty {
@@ -70,7 +102,7 @@ impl SceneFolder {
                 "none of these is there"
             };
             return Err(wrong(format!(
-                "{layout}; {what}. Give the folder into which the archive was unpacked"
+                "{layout}; {what}. Give the archive {archive}.zip or the folder into which it was unpacked"
             )));
         }
         if let Some(missing) = missing.first() {
@@ -80,26 +112,57 @@ impl SceneFolder {
         }
         Ok(Self {
             root: root.to_owned(),
+            broken,
             training,
+            packed,
         })
     }
 
     /// A picture of a scene, e.g. `image_2/000006_10.png`.
-    pub fn picture(&self, folder: &str, number: usize) -> Option<PathBuf> {
-        let stem = self.training.join(folder).join(format!("{number:06}_10"));
-        IMAGE_ENDINGS
-            .iter()
-            .map(|ending| stem.with_extension(ending))
-            .find(|path| path.is_file())
+    pub fn picture(&self, folder: &str, number: usize) -> Option<Source> {
+        let names = IMAGE_ENDINGS.map(|ending| format!("{folder}/{number:06}_10.{ending}"));
+        let on_disk = names.iter().find_map(|name| self.unpacked(name));
+        on_disk.or_else(|| names.iter().find_map(|name| self.packed.get(name).cloned()))
     }
 
     /// The camera calibration of a scene.
-    pub fn calibration(&self, number: usize) -> Option<PathBuf> {
-        let path = self
-            .training
-            .join("calib_cam_to_cam")
-            .join(format!("{number:06}.txt"));
-        path.is_file().then_some(path)
+    pub fn calibration(&self, number: usize) -> Option<Source> {
+        let name = format!("calib_cam_to_cam/{number:06}.txt");
+        self.unpacked(&name)
+            .or_else(|| self.packed.get(&name).cloned())
+    }
+
+    fn unpacked(&self, name: &str) -> Option<Source> {
+        let path = self.training.join(name);
+        path.is_file().then_some(Source::File(path))
+    }
+}
+
+/// The archives to look into: the one given and, beside it or in the folder given, those whose
+/// name begins as KITTI's do. Calibration files come in an archive of their own.
+fn archives(root: &Path, beginning: &str) -> Vec<PathBuf> {
+    let given = root.is_file().then(|| root.to_owned());
+    let folder = match &given {
+        Some(file) => file.parent().unwrap_or(Path::new("")),
+        None => root,
+    };
+    let folder = if folder.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        folder
+    };
+    let beside = names(folder).unwrap_or_default().into_iter();
+    let beside = beside.filter(|name| name.starts_with(beginning) && source::is_archive(name));
+    let beside = beside.map(|name| folder.join(name));
+    let others = beside.filter(|path| path.is_file() && path.file_name() != root.file_name());
+    given.iter().cloned().chain(others).collect()
+}
+
+/// What follows the folder `training` in the name of an entry.
+fn below_training(name: &str) -> Option<&str> {
+    match name.split_once("training/")? {
+        (before, rest) if before.is_empty() || before.ends_with('/') => Some(rest),
+        _ => None,
     }
 }
 

@@ -1,6 +1,7 @@
 //! The `prep` command on tiny inputs in KITTI's layouts, made up by closed formulas.
 
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
@@ -124,6 +125,65 @@ impl World {
         }
         args.extend(["--out".to_owned(), self.path(out).display().to_string()]);
         prep(&args)
+    }
+
+    /// Packs what lies below `root/inner`, with its names below `root`, into an archive.
+    fn pack(&self, root: &str, inner: &[&str], archive: &str) {
+        let path = self.path(archive);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        let mut zip = zip::ZipWriter::new(std::fs::File::create(path).unwrap());
+        for (number, (name, content)) in tree(&self.path(root)).into_iter().enumerate() {
+            if !inner.iter().any(|inner| name.starts_with(inner)) {
+                continue;
+            }
+            let method = match number % 3 {
+                0 => zip::CompressionMethod::Stored,
+                _ => zip::CompressionMethod::Deflated,
+            };
+            let options = zip::write::SimpleFileOptions::default().compression_method(method);
+            zip.start_file(name.to_str().unwrap(), options).unwrap();
+            zip.write_all(&content).unwrap();
+        }
+        zip.finish().unwrap();
+    }
+
+    /// The archives of everything, laid out as somebody might have downloaded them.
+    fn pack_all(&self) {
+        self.pack(
+            "raw",
+            &[DRIVE_1],
+            "zips/2011_09_26/2011_09_26_drive_0001_sync.zip",
+        );
+        self.pack("raw", &[DRIVE_2], "zips/2011_09_26_drive_0002_sync.zip");
+        let calibrations = ["cam_to_cam", "velo_to_cam"];
+        let calibrations = calibrations.map(|name| format!("2011_09_26/calib_{name}.txt"));
+        let calibrations = calibrations.each_ref().map(String::as_str);
+        self.pack("raw", &calibrations, "zips/2011_09_26_calib.zip");
+        self.pack(
+            "stereo",
+            &["training/calib_cam_to_cam"],
+            "scenes/data_scene_flow_calib.zip",
+        );
+        let images = ["image_2", "image_3", "disp_noc_0", "disp_occ_0"];
+        let images = images.map(|name| format!("training/{name}"));
+        let images = images.each_ref().map(String::as_str);
+        self.pack("stereo", &images, "scenes/data_scene_flow.zip");
+    }
+
+    fn kitti_from(&self, raw: &str, stereo: &str, out: &str) -> Outcome {
+        let path = |name: &str| self.path(name).display().to_string();
+        prep(&[
+            "kitti".to_owned(),
+            "--raw".to_owned(),
+            path(raw),
+            "--stereo2015".to_owned(),
+            path(stereo),
+            "--allow-missing".to_owned(),
+            "--width=32".to_owned(),
+            "--height=16".to_owned(),
+            "--out".to_owned(),
+            path(out),
+        ])
     }
 
     fn open(&self, out: &str) -> PreparedSet {
@@ -594,6 +654,309 @@ fn jpeg_and_folders_without_sync_are_taken_and_png_wins() {
 }
 
 #[test]
+fn archives_give_what_folders_give() {
+    let world = World::new();
+    world.pack_all();
+    let whole = world.kitti("whole", &["--allow-missing"]);
+    assert_eq!(whole.code, 0, "{}", whole.stderr);
+    for (stereo, out) in [
+        ("scenes", "from-folder"),
+        ("scenes/data_scene_flow.zip", "from-file"),
+    ] {
+        let outcome = world.kitti_from("zips", stereo, out);
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        assert_same_tree(&world.path("whole"), &world.path(out));
+    }
+    let again = world.kitti_from("zips", "scenes", "from-folder");
+    assert_has(&again.stdout, &["0 files written"]);
+
+    // Half unpacked, a frame of it as a file with other pixels: the file counts.
+    let frame = format!("{DRIVE_2}/image_02/data/0000000003.png");
+    let other = image_files::encode_png_rgb(&picture(99));
+    world.write(&format!("zips/{frame}"), &other);
+    let mixed = world.kitti_from("zips", "stereo", "mixed");
+    assert_eq!(mixed.code, 0, "{}", mixed.stderr);
+    world.write(&format!("raw/{frame}"), &other);
+    assert_eq!(world.kitti("unpacked", &["--allow-missing"]).code, 0);
+    assert_same_tree(&world.path("unpacked"), &world.path("mixed"));
+}
+
+#[test]
+fn one_archive_can_be_the_raw_data() {
+    let world = World::new();
+    world.pack("raw", &["2011_09_26"], "kitti.zip");
+    assert_eq!(world.kitti("whole", &["--allow-missing"]).code, 0);
+    let outcome = world.kitti_from("kitti.zip", "stereo", "out");
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_same_tree(&world.path("whole"), &world.path("out"));
+    world.pack("stereo", &["training"], "other.zip");
+    let outcome = world.kitti_from("other.zip", "stereo", "none");
+    assert_eq!(outcome.code, 2);
+    assert_has(&outcome.stderr, &["this archive is none of KITTI raw"]);
+    let outcome = world.kitti_from("kitti.zip", "kitti.zip", "none");
+    assert_eq!(outcome.code, 2);
+    assert_has(&outcome.stderr, &["--stereo2015", "data_scene_flow.zip"]);
+}
+
+#[test]
+fn a_damaged_archive_costs_what_is_in_it() {
+    let world = World::new();
+    world.pack_all();
+    world.truncate("zips/2011_09_26_drive_0002_sync.zip");
+    let outcome = world.kitti_from("zips", "scenes", "out");
+    assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+    assert_has(
+        &outcome.stderr,
+        &["0002_sync.zip is no whole zip archive", "download it again"],
+    );
+    assert_has(&outcome.stdout, &["train 1 of 29839 pairs, val 1"]);
+    let failures = std::fs::read_to_string(world.path("out/failures.csv")).unwrap();
+    assert_has(&failures, &["zips/2011_09_26_drive_0002_sync.zip"]);
+
+    // Its directory is whole, but one entry is not.
+    world.pack_all();
+    let path = "zips/2011_09_26/2011_09_26_drive_0001_sync.zip";
+    let mut bytes = std::fs::read(world.path(path)).unwrap();
+    bytes[200] ^= 0x55;
+    world.write(path, &bytes);
+    let outcome = world.kitti_from("zips", "scenes", "entry");
+    assert_eq!(outcome.code, 1);
+    assert_has(
+        &outcome.stderr,
+        &[
+            "0001_sync.zip: 2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000004.png",
+            "damaged here",
+        ],
+    );
+    assert_has(&outcome.stdout, &["train 2 of 29839 pairs, val 1"]);
+}
+
+#[test]
+fn the_codec_is_chosen_and_stated() {
+    let world = World::new();
+    let jpeg = ["--allow-missing", "--codec", "jpeg"];
+    assert_eq!(world.eigen("out", &jpeg).code, 0);
+    let set = world.open("out");
+    assert_eq!(set.manifest.codec, "jpeg-92");
+    let settings = std::fs::read_to_string(world.path("out/settings.yaml")).unwrap();
+    assert_has(&settings, &["codec: jpeg-92"]);
+    let left = &set.samples(Role::Train).unwrap()[0].left;
+    assert!(left.path.ends_with(".jpg"));
+    let expected =
+        image_files::encode_jpeg_rgb(&resize::rgb(&picture(42), 32, 16, Kernel::Area), 92);
+    assert!(std::fs::read(set.path(left)).unwrap() == expected);
+
+    let other = [&jpeg[..], &["--quality", "80"]].concat();
+    let outcome = world.eigen("out", &other);
+    assert_eq!(outcome.code, 2);
+    assert_has(&outcome.stderr, &["jpeg-92", "jpeg-80"]);
+    let outcome = world.eigen("none", &["--quality", "80"]);
+    assert_eq!(outcome.code, 2);
+    assert_has(&outcome.stderr, &["--codec jpeg"]);
+    assert_eq!(world.eigen("none", &["--quality", "0"]).code, 2);
+}
+
+#[test]
+fn annotated_depth_goes_to_test_and_validation() {
+    let world = World::new();
+    let place = |drive: &str, frame: u32| {
+        format!(
+            "depth/train/2011_09_26_drive_{drive}_sync/proj_depth/groundtruth/image_02/{frame:010}.png"
+        )
+    };
+    let values: Vec<u16> = (0..WIDTH * HEIGHT)
+        .map(|i| (i * 16 % 20_000) as u16)
+        .collect();
+    let png = image_files::encode_png_gray16(WIDTH, HEIGHT, &values);
+    for (drive, frame) in [("0001", 4), ("0001", 5), ("0002", 3)] {
+        world.write(&place(drive, frame), &png);
+    }
+    world.write(
+        &place("0002", 0),
+        &image_files::encode_png_gray8(WIDTH, HEIGHT, &[9; 1240]),
+    );
+    world.pack("depth", &["train"], "data_depth_annotated.zip");
+    let run = |from: &str, out: &str| {
+        let from = world.path(from).display().to_string();
+        world.eigen(out, &["--allow-missing", "--annotated", &from])
+    };
+    let outcome = run("depth", "out");
+    assert_eq!(outcome.code, 1);
+    assert_has(
+        &outcome.stderr,
+        &[
+            "2 of 2 test images have it, 1 of 1 validation",
+            "0000000000.png",
+            "16-bit grey",
+        ],
+    );
+    let set = world.open("out");
+    let [frame_3, frame_0] = set.samples(Role::Test).unwrap().try_into().unwrap();
+    let (depth, header) = exr::read_depth(&set.path(&frame_3.depth_annotated.unwrap())).unwrap();
+    assert!(
+        depth
+            .data
+            .iter()
+            .zip(&values)
+            .all(|(d, v)| *d == f32::from(*v) / 256.0)
+    );
+    assert_eq!(
+        (header.source.as_str(), header.axis.as_str()),
+        ("kitti-depth/groundtruth", "camera-z")
+    );
+    assert!(
+        frame_0.depth_annotated.is_none(),
+        "a damaged map costs itself only"
+    );
+    assert!(set.samples(Role::Val).unwrap()[0].depth_annotated.is_some());
+    assert!(
+        set.samples(Role::Train).unwrap()[0]
+            .depth_annotated
+            .is_none()
+    );
+
+    assert_eq!(run("data_depth_annotated.zip", "packed").code, 1);
+    for table in ["test.csv", "val.csv", "train.csv"] {
+        let [a, b] = ["out", "packed"]
+            .map(|out| std::fs::read(world.path(&format!("{out}/{table}"))).unwrap());
+        assert!(a == b, "{table}");
+    }
+    for (name, part) in [("nowhere", "no such folder"), ("raw", "looked for train/")] {
+        let outcome = run(name, "none");
+        assert_eq!(outcome.code, 2);
+        assert_has(
+            &outcome.stderr,
+            &["--annotated", part, "data_depth_annotated.zip"],
+        );
+    }
+}
+
+#[test]
+fn a_replaced_input_is_read_again() {
+    let world = World::new();
+    assert_eq!(world.eigen("out", &["--allow-missing"]).code, 0);
+    // As `mv` does it: other content under an older time.
+    let name = format!("raw/{DRIVE_1}/image_02/data/0000000004.png");
+    world.write("new.png", &image_files::encode_png_rgb(&picture(77)));
+    let file = std::fs::File::options()
+        .write(true)
+        .open(world.path("new.png"))
+        .unwrap();
+    file.set_modified(std::time::SystemTime::UNIX_EPOCH)
+        .unwrap();
+    std::fs::rename(world.path("new.png"), world.path(&name)).unwrap();
+    let outcome = world.eigen("out", &["--allow-missing"]);
+    let written = if cfg!(unix) {
+        "1 files written"
+    } else {
+        "0 files written"
+    };
+    assert_has(&outcome.stdout, &[written]);
+    // A calibration changes the depth of its day: of the validation frame and two test frames.
+    world.write(
+        "raw/2011_09_26/calib_velo_to_cam.txt",
+        VELO.replace("0.25", "0.5").as_bytes(),
+    );
+    let outcome = world.eigen("out", &["--allow-missing"]);
+    assert_has(&outcome.stdout, &["6 files written"]);
+    assert_eq!(world.eigen("fresh", &["--allow-missing"]).code, 0);
+    assert_same_tree(&world.path("fresh"), &world.path("out"));
+}
+
+#[test]
+fn every_kind_of_bad_input_is_a_sentence() {
+    let world = World::new();
+    let image = |side: u32, frame: u32| format!("raw/{DRIVE_1}/image_0{side}/data/{frame:010}.png");
+    let scan = format!("raw/{DRIVE_2}/velodyne_points/data/0000000003.bin");
+    let [good_image, good_scan] =
+        [image(2, 4), scan.clone()].map(|name| std::fs::read(world.path(&name)).unwrap());
+    let nan: Vec<u8> = good_scan
+        .chunks(4)
+        .flat_map(|_| f32::NAN.to_le_bytes())
+        .collect();
+    let deep: Vec<u8> = {
+        let (w, h) = (WIDTH, HEIGHT);
+        image_files::encode_png_gray16(w, h, &vec![7; (w * h) as usize])
+    };
+    for (number, (name, content, good, part)) in [
+        (
+            image(2, 4),
+            &good_image[..good_image.len() / 2],
+            &good_image,
+            "truncated",
+        ),
+        (image(2, 4), b"", &good_image, "the file is empty"),
+        (
+            image(2, 4),
+            b"Not Found",
+            &good_image,
+            "neither PNG nor JPEG",
+        ),
+        (
+            scan.clone(),
+            b"17 bytes of scan.",
+            &good_scan,
+            "a Velodyne scan is rows",
+        ),
+        (scan.clone(), b"", &good_scan, "the Velodyne scan is empty"),
+        (scan.clone(), &nan, &good_scan, "0000000003.bin"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        world.write(&name, content);
+        let outcome = world.eigen(&format!("out-{number}"), &["--allow-missing"]);
+        assert_eq!(outcome.code, 1, "{part}: {}", outcome.stderr);
+        assert_has(&outcome.stderr, &[part, "1 input files could not be used"]);
+        assert_has(&outcome.stdout, &["val 1 of 330"]);
+        world.write(&name, good);
+    }
+    // Grey 16-bit pictures are pictures; as labels or disparities, 8 bits would be wrong (above).
+    world.write(&image(2, 4), &deep);
+    world.write(&image(3, 4), &deep);
+    assert_eq!(world.eigen("grey", &["--allow-missing"]).code, 0);
+
+    let cam = CAM
+        .lines()
+        .filter(|line| !line.starts_with("P_rect_03"))
+        .collect::<Vec<_>>()
+        .join("\n");
+    world.write("raw/2011_09_26/calib_cam_to_cam.txt", cam.as_bytes());
+    let outcome = world.eigen("none", &["--allow-missing"]);
+    assert_eq!(outcome.code, 1);
+    assert_has(&outcome.stderr, &["calib_cam_to_cam.txt", "P_rect_03"]);
+    assert!(!world.path("none").exists());
+}
+
+#[test]
+fn odd_places_are_no_trouble() {
+    let world = World::new();
+    assert_eq!(world.eigen("whole", &["--allow-missing"]).code, 0);
+    let odd = "Bücher und Bilder/straße 日本";
+    std::fs::create_dir_all(world.path("Bücher und Bilder")).unwrap();
+    std::fs::rename(world.path("raw"), world.path(odd)).unwrap();
+    // Without the level `data`, as some copies have it.
+    let folder = world.path(&format!("{odd}/{DRIVE_2}/image_03"));
+    std::fs::rename(folder.join("data"), world.path("moved")).unwrap();
+    std::fs::remove_dir(&folder).unwrap();
+    std::fs::rename(world.path("moved"), &folder).unwrap();
+    #[cfg(unix)]
+    for (to, at) in [
+        ("loop", "loop"),
+        (".", "2011_09_28"),
+        ("..", &format!("{DRIVE_1}/up")),
+    ] {
+        std::os::unix::fs::symlink(to, world.path(&format!("{odd}/{at}"))).unwrap();
+    }
+    let (raw, out) = (world.path(odd), world.path("Ausgabe für später"));
+    let [raw, out] = [&raw, &out].map(|path| path.to_str().unwrap());
+    let sizes = ["--width", "32", "--height", "16", "--allow-missing"];
+    let outcome = prep(&[&["eigen", "--raw", raw, "--out", out], &sizes[..]].concat());
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_same_tree(&world.path("whole"), Path::new(out));
+}
+
+#[test]
 fn without_scan_calibration_images_still_go_in() {
     let world = World::new();
     world.remove("raw/2011_09_26/calib_velo_to_cam.txt");
@@ -713,12 +1076,16 @@ fn wrong_input_folders_are_explained() {
         ("nowhere", &["there is no such folder"][..]),
         ("raw/RENDERED", &["there is no such folder"]),
         ("raw/2011_09_26/calib_cam_to_cam.txt", &["this is a file"]),
+        (
+            "archives/2011_09_26_drive_0001_sync.zip",
+            &["0001_sync.zip is no whole zip archive"],
+        ),
         ("empty", &["the folder is empty", "looked for"]),
         ("raw/2011_09_26", &["one recording day", &right]),
         (&format!("raw/{DRIVE_1}"), &["one drive", &two_up]),
         ("", &[&deeper]),
         ("stereo", &["--stereo2015"]),
-        ("archives", &["unpack"]),
+        ("archives", &["0001_sync.zip is no whole zip archive"]),
         ("other", &["none of the five days"]),
     ] {
         let outcome = raw(name);
@@ -779,11 +1146,17 @@ fn splits_are_shown_beside_the_thesis() {
             "training drives                 32       33  differs",
             "train                        29839    29829  differs",
             "test images                    200      200\n",
+            "drive counts of the two splits exchanged: its 30159 pairs are those of the 32 drives",
+            // PROTOCOL 2.3.
+            "92 of the 142 test images",
         ],
     );
     assert_has(
         &prep(&["splits", "eigen"]).stdout,
-        &["train                        23158    23168  differs"],
+        &[
+            "train                        23158    23168  differs",
+            "347 of the 697 test images",
+        ],
     );
     let listed = prep(&["splits", "eigen", "--list", "test"]).stdout;
     assert_eq!(listed.lines().count(), 697);

@@ -48,6 +48,20 @@ pub enum CsvError {
         /// What should stand there.
         expected: &'static str,
     },
+    /// Lines of two definitions of one protocol.
+    #[error(
+        "{methods} were measured under two definitions of {protocol} (digests \
+         {digests}) and cannot stand in one file; measure again with \
+         one version, or give one of the protocols another name"
+    )]
+    Definition {
+        /// Name of the protocol.
+        protocol: String,
+        /// Two methods.
+        methods: String,
+        /// Their digests.
+        digests: String,
+    },
     /// Two lines about one thing that differ.
     #[error(
         "{what} occurs twice with different contents ({difference}); the files were not made by \

@@ -13,7 +13,7 @@
 //! threshold. Everything after that is double precision.
 
 use crate::metrics::{Metrics, crop_box, d1_all, depth_metrics, median};
-use crate::protocol::{Camera, GroundTruthKind, Group, Grouping, InfiniteDepth, Protocol};
+use crate::protocol::{Camera, GroundTruthKind, Group, Grouping, InfiniteDepth, LogBase, Protocol};
 
 /// What is known of an image, row-major planes of `width * height` values.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +28,8 @@ pub struct GroundTruth<'a> {
     /// computed from it in double precision, and it is what D1-all needs.
     pub disparity_px: Option<&'a [f32]>,
     /// Focal length in pixels of this image: the nominal one for a protocol with a nominal
-    /// camera, that of the calibration otherwise.
+    /// camera, that of the calibration otherwise; of no matter where the protocol brings its
+    /// own camera or none.
     pub focal_px: f64,
     /// Baseline in metres from the calibration. A protocol with a nominal camera brings its
     /// own and does not look at this one.
@@ -285,9 +286,19 @@ impl<'a> Scene<'a> {
             return Err(missing("an image of Cityscapes labels"));
         }
 
-        let baseline_m = match protocol.camera {
-            Camera::Nominal { baseline_m } => baseline_m,
-            Camera::Calibrated => truth.baseline_m,
+        let width = truth.width as f64;
+        let (focal_px, baseline_m) = match protocol.camera {
+            Camera::Nominal { baseline_m } => (truth.focal_px, baseline_m),
+            Camera::Calibrated => (truth.focal_px, truth.baseline_m),
+            Camera::Agreed {
+                focal_fraction,
+                baseline_m,
+            } => (focal_fraction * width, baseline_m),
+            // One metre for a disparity of the whole width: the scale is the median's anyway.
+            Camera::Unknown if protocol.median_scaling => (width, 1.0),
+            Camera::Unknown => {
+                return Err(invalid("it has no camera, so it needs median scaling"));
+            }
         };
         // The depth plane of stereo ground truth was made with the nominal baseline.
         if protocol.camera == Camera::Calibrated
@@ -296,9 +307,9 @@ impl<'a> Scene<'a> {
         {
             return Err(missing("ground truth as disparity"));
         }
-        let focal_baseline = truth.focal_px * baseline_m;
+        let focal_baseline = focal_px * baseline_m;
         for (what, value) in [
-            ("focal length in pixels", truth.focal_px),
+            ("focal length in pixels", focal_px),
             ("baseline in metres", baseline_m),
             ("product of focal length and baseline", focal_baseline),
         ] {
@@ -435,7 +446,11 @@ impl<'a> Scene<'a> {
             scaled.clamp(f64::from(self.min_depth_m), f64::from(self.max_depth_m))
         };
         let pairs = pixels.clone().map(|pixel| (pixel.truth_m, clipped(pixel)));
-        let (metrics, sum_squared_error) = depth_metrics(pairs, self.protocol.strict_comparisons)?;
+        let (mut metrics, sum_squared_error) =
+            depth_metrics(pairs, self.protocol.strict_comparisons)?;
+        if self.protocol.log_base == LogBase::Ten {
+            metrics.rmse_log /= std::f64::consts::LN_10;
+        }
         // Scaled depth no longer belongs to the disparity it was made of.
         let d1_all = match self.protocol.d1_rule {
             Some(rule) if scale.is_none() => {
@@ -894,6 +909,103 @@ mod tests {
         assert!(score.metrics.abs_rel < 1e-15 && score.metrics.a1 == 1.0);
         let zeros = evaluate_depth(&protocol, &small(), &[0.0; 4]);
         assert_eq!(zeros, Err(EvaluateError::Median(0.0)));
+    }
+
+    /// By hand for truth x 1.1 and for a perfect prediction, under every protocol by name: the
+    /// relative error is 0.1, that of the logarithm ln 1.1 (or log10 1.1), and all pixels lie
+    /// within 1.25. Where medians set the scale nothing is left of the error.
+    #[test]
+    fn ten_percent_too_far_is_ten_percent_under_every_protocol() {
+        let depth_m: Vec<f32> = (0..64 * 32).map(|i| 5.0 + (i % 37) as f32).collect();
+        let labels: Vec<u8> = (0..64 * 32).map(|i| [7, 24, 26, 11, 17][i % 5]).collect();
+        for known in crate::protocol::protocols() {
+            let truth = GroundTruth {
+                width: 64,
+                height: 32,
+                depth_m: &depth_m,
+                disparity_px: None,
+                focal_px: 100.0,
+                baseline_m: 0.5,
+                labels: Some(&labels),
+            };
+            let disparity_px: Vec<f32> = depth_m.iter().map(|depth| 54.0 / depth).collect();
+            let truth = GroundTruth {
+                disparity_px: known.ground_truth.is_stereo().then_some(&disparity_px[..]),
+                ..truth
+            };
+            for factor in [1.0, 1.1] {
+                let baseline = match known.camera {
+                    Camera::Nominal { baseline_m } => baseline_m,
+                    _ => truth.baseline_m,
+                };
+                // What the protocol itself takes for the truth.
+                let predicted: Vec<f32> = match truth.disparity_px {
+                    Some(plane) => plane
+                        .iter()
+                        .map(|d| (100.0 * baseline / f64::from(*d) * factor) as f32)
+                        .collect(),
+                    None => depth_m
+                        .iter()
+                        .map(|d| (f64::from(*d) * factor) as f32)
+                        .collect(),
+                };
+                let error: f64 = if known.median_scaling { 1.0 } else { factor };
+                let log = match known.log_base {
+                    LogBase::Natural => error.ln(),
+                    LogBase::Ten => error.log10(),
+                };
+                for score in evaluate_depth(&known, &truth, &predicted).unwrap() {
+                    let m = score.metrics;
+                    assert!(
+                        (m.abs_rel - (error - 1.0)).abs() < 2e-7,
+                        "{} {m:?}",
+                        known.name
+                    );
+                    assert!((m.rmse_log - log).abs() < 2e-7, "{} {m:?}", known.name);
+                    assert_eq!((m.a1, m.a3), (1.0, 1.0), "{}", known.name);
+                }
+            }
+        }
+    }
+
+    /// Make3D: 1 / disparity in any unit, brought to metres by medians, clipped at 70 m, and
+    /// the logarithm to base 10. By hand: truth 10, 20, 60; disparities 4, 2, 0.25 are depths in
+    /// the ratio 1 : 2 : 16, the medians agree at 20 m, so 10, 20 and 160, clipped to 70.
+    #[test]
+    fn make3d_by_hand() {
+        let depth_m = [10.0, 20.0, 60.0, 71.0];
+        let truth = GroundTruth {
+            depth_m: &depth_m,
+            focal_px: 0.0,
+            baseline_m: 0.0,
+            ..small()
+        };
+        let rules = protocol("make3d-c1").unwrap();
+        let score = evaluate(&rules, &truth, &[0.4, 0.2, 0.025, 0.4]).unwrap()[0];
+        assert_eq!(score.pixels, 3);
+        let m = score.metrics;
+        assert!((m.abs_rel - 10.0 / 60.0 / 3.0).abs() < 1e-6, "{m:?}");
+        assert!((m.rmse - (100.0_f64 / 3.0).sqrt()).abs() < 1e-5, "{m:?}");
+        let log = (70.0_f64 / 60.0).log10() / 3.0_f64.sqrt();
+        assert!((m.rmse_log - log).abs() < 1e-6, "{m:?}");
+    }
+
+    /// One camera for all images: 0.58 * 0.54 m / d, whatever the calibration says.
+    #[test]
+    fn an_agreed_camera_overrides_the_calibration() {
+        let rules = Protocol {
+            crop: Crop::None,
+            ..protocol("eigen-monodepth2").unwrap()
+        };
+        let depth_m = [10.44_f32, 0.0, 0.0, 0.0];
+        let truth = GroundTruth {
+            depth_m: &depth_m,
+            focal_px: f64::NAN,
+            baseline_m: 3.0,
+            ..small()
+        };
+        let score = evaluate(&rules, &truth, &[0.03, 0.0, 0.0, 0.0]).unwrap()[0];
+        assert!(score.metrics.abs_rel < 1e-6, "{score:?}");
     }
 
     #[test]

@@ -4,7 +4,18 @@
 //! Files of different people merge into one. Published figures of the thesis stand in the same
 //! columns with their citation and without digests or intervals, since nobody measured them
 //! here; their `origin` tells them from measured ones.
+//!
+//! # The file
+//!
+//! CSV in UTF-8 with the columns of [`COLUMNS`] in any order, told apart by name. `schema` is
+//! [`SCHEMA`] on each line; it is raised when a column changes its meaning, and other values are
+//! refused. `origin` is `measured` or `published`; measured lines have `protocol_digest` and
+//! `data_digest`, published ones a `citation`. Each metric is an unweighted mean over images with
+//! the ends of its 95 % interval (`_low`, `_high`), `intervals` says how those were drawn. An
+//! empty cell is a figure that nobody has. Numbers are in their shortest exact form, and
+//! lines are sorted, so the same lines make the same file.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io::{Read, Write};
 use std::str::FromStr;
@@ -17,8 +28,12 @@ use crate::rows::{Row, RowsError, by_model};
 use crate::statistics::{Bootstrap, Interval, summarise};
 use crate::tables::ThesisTable;
 
+/// Version of the columns' meaning, written on each line.
+pub const SCHEMA: u32 = 1;
+
 /// Column names in the order in which they are written.
-pub const COLUMNS: [&str; 40] = [
+pub const COLUMNS: [&str; 41] = [
+    "schema",
     "method",
     "origin",
     "citation",
@@ -62,7 +77,7 @@ pub const COLUMNS: [&str; 40] = [
 ];
 
 /// Place of `abs_rel` in [`COLUMNS`]; each metric is followed by the ends of its interval.
-const FIRST_METRIC: usize = 7;
+const FIRST_METRIC: usize = 8;
 
 /// Who says so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -252,8 +267,19 @@ impl Entry {
         Some(Metrics::from_array(values))
     }
 
+    /// First column in which two lines differ, with both values.
+    pub fn difference(&self, other: &Self) -> Option<String> {
+        columns::difference(&COLUMNS, &self.cells(), &other.cells())
+    }
+
+    /// True if both lines are about the same model, protocol, data and device.
+    pub fn same_measurement(&self, other: &Self) -> bool {
+        self.key().cmp(&other.key()).is_eq()
+    }
+
     fn cells(&self) -> Vec<String> {
         let mut cells = vec![
+            SCHEMA.to_string(),
             self.method.clone(),
             self.origin.to_string(),
             cell(self.citation.as_ref()),
@@ -328,6 +354,9 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
             (!text.is_empty()).then_some(text)
         };
         let count = |column| fields.optional::<u64>(column, "empty or a whole number");
+        if fields.value::<u32>("schema", "a whole number")? != SCHEMA {
+            return Err(fields.error("schema", "1, the version that this program reads"));
+        }
         let origin = fields.value("origin", "measured or published")?;
         match origin {
             Origin::Measured => {
@@ -387,7 +416,8 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
 /// become one.
 ///
 /// # Errors
-/// [`CsvError::Conflict`] for two lines about the same measurement that differ.
+/// [`CsvError::Conflict`] for two lines about the same measurement that differ, and
+/// [`CsvError::Definition`] for measured lines whose protocols share a name but not a digest.
 pub fn merge(parts: impl IntoIterator<Item = Vec<Entry>>) -> Result<Vec<Entry>, CsvError> {
     let mut merged: Vec<Entry> = parts.into_iter().flatten().collect();
     merged.sort_by(|a, b| a.key().cmp(&b.key()));
@@ -404,6 +434,20 @@ pub fn merge(parts: impl IntoIterator<Item = Vec<Entry>>) -> Result<Vec<Entry>, 
         }
     }
     merged.dedup_by(|a, b| a.key() == b.key());
+    let mut defined: BTreeMap<&str, (&Entry, &str)> = BTreeMap::new();
+    for entry in &merged {
+        let Some(digest) = &entry.protocol_digest else {
+            continue;
+        };
+        let (first, known) = *defined.entry(&entry.protocol).or_insert((entry, digest));
+        if known != digest {
+            return Err(CsvError::Definition {
+                protocol: entry.protocol.clone(),
+                methods: format!("{} and {}", first.method, entry.method),
+                digests: format!("{known:.12} and {digest:.12}"),
+            });
+        }
+    }
     Ok(merged)
 }
 
@@ -445,7 +489,7 @@ mod tests {
         );
         assert_eq!(
             entry.interval_method.as_deref(),
-            Some("95 % percentile bootstrap over 4 drives, 2000 resamples, seed 0")
+            Some("95 % percentile bootstrap over 4 drives, 10000 resamples, seed 0")
         );
         assert_eq!(
             entry.protocol_digest,
@@ -490,7 +534,7 @@ mod tests {
             );
             assert_eq!((&entry.protocol_digest, &entry.images), (&None, &None));
         }
-        assert!(text(&entries[5..6]).contains("\nOurs - StrAT,published,"));
+        assert!(text(&entries[5..6]).contains("\n1,Ours - StrAT,published,"));
     }
 
     #[test]
@@ -523,6 +567,19 @@ mod tests {
             "{error}"
         );
         assert!(error.contains("rmse: "), "{error}");
+
+        // Rules that share a name only.
+        let mut redefined = measured_entries();
+        redefined[0].method = "Other".to_owned();
+        redefined[0].protocol_digest = Some("0123456789abcdef".to_owned());
+        let error = merge([measured_entries(), redefined])
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("two definitions of eigen-80"), "{error}");
+
+        let newer = text(&measured_entries()).replacen("\n1,", "\n2,", 1);
+        let error = read(newer.as_bytes()).unwrap_err().to_string();
+        assert!(error.starts_with("line 2, column \"schema\""), "{error}");
     }
 
     #[test]

@@ -46,6 +46,7 @@
 //! prediction to the size of the ground truth is left to the caller.
 
 mod columns;
+pub mod compare;
 mod evaluate;
 pub mod leaderboard;
 mod metrics;
@@ -59,7 +60,7 @@ pub use columns::CsvError;
 pub use evaluate::{EvaluateError, GroundTruth, ImageScore, evaluate, evaluate_depth, flip_blend};
 pub use metrics::{CropBox, Metric, Metrics, crop_box, d1_all, depth_metrics, median};
 pub use protocol::{
-    Camera, Crop, D1Rule, GroundTruthKind, Group, Grouping, InfiniteDepth, PostProcessing,
-    Protocol, protocol, protocols,
+    Camera, Crop, D1Rule, GroundTruthKind, Group, Grouping, InfiniteDepth, LogBase, PostProcessing,
+    Protocol, Resize, protocol, protocols,
 };
 pub use rows::{Row, RowContext};

@@ -28,6 +28,12 @@ pub enum GroundTruthKind {
     /// Velodyne scan projected into the left image; the value is the depth along the axis of
     /// the rectified camera.
     CameraZ,
+    /// KITTI depth ("improved" ground truth): scans of eleven frames put together and checked
+    /// against stereo; depth along the camera's axis. 652 of the 697 Eigen test images have it.
+    Annotated,
+    /// Make3D's laser grid, 305 columns x 21 rows after the central crop of PROTOCOL 1.4;
+    /// distance in metres.
+    Laser,
 }
 
 impl GroundTruthKind {
@@ -49,6 +55,39 @@ pub enum Camera {
     },
     /// Focal length and baseline of the image's own calibration, both given by the caller.
     Calibrated,
+    /// One agreed camera for every image, whatever its calibration: for disparity d as a
+    /// fraction of width, depth = focal_fraction * baseline_m / d.
+    Agreed {
+        /// Focal length as a fraction of image width.
+        focal_fraction: f64,
+        /// Distance of the two cameras in metres.
+        baseline_m: f64,
+    },
+    /// No camera: depth is 1 / disparity (as a fraction of width) in no unit, so only
+    /// protocols with median scaling can use it.
+    Unknown,
+}
+
+/// What is resized to the size of the ground truth, and how. The caller does it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Resize {
+    /// Disparity, bilinear (PROTOCOL 3.3).
+    #[default]
+    DisparityBilinear,
+    /// Depth, nearest neighbour (PROTOCOL 1.4); taking the nearest disparity is the same.
+    DepthNearest,
+}
+
+/// Base of the logarithm in the metric `rmse_log`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LogBase {
+    /// Natural logarithm, as everywhere on KITTI.
+    #[default]
+    Natural,
+    /// Base 10, as on Make3D.
+    Ten,
 }
 
 /// Part of the image that is scored.
@@ -70,6 +109,15 @@ impl Crop {
             Self::None => None,
             Self::Garg => Some([0.408_108_11, 0.991_891_89, 0.035_947_71, 0.964_052_29]),
             Self::Eigen => Some([0.332_432_4, 0.913_513_51, 0.035_947_7, 0.964_052_29]),
+        }
+    }
+
+    /// What follows a protocol's name when only its crop is another one.
+    pub fn ending(self) -> &'static str {
+        match self {
+            Self::None => "-nocrop",
+            Self::Garg => "-garg",
+            Self::Eigen => "-eigencrop",
         }
     }
 }
@@ -196,8 +244,7 @@ impl FromStr for Group {
 
 /// A complete set of evaluation rules.
 ///
-/// Every protocol resizes the predicted disparity, not the depth, to the size of the ground
-/// truth with plain bilinear interpolation, and averages images without weights.
+/// Every protocol averages images without weights.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Protocol {
@@ -235,6 +282,12 @@ pub struct Protocol {
     pub d1_rule: Option<D1Rule>,
     /// Whole images, or groups of label ids.
     pub grouping: Grouping,
+    /// What is resized to the size of the ground truth, and how.
+    #[serde(default)]
+    pub resize: Resize,
+    /// Base of the logarithm in `rmse_log`.
+    #[serde(default)]
+    pub log_base: LogBase,
 }
 
 impl Protocol {
@@ -255,6 +308,8 @@ impl Protocol {
             post_processing: PostProcessing::None,
             d1_rule: Some(D1Rule::Inclusive),
             grouping: Grouping::None,
+            resize: Resize::DisparityBilinear,
+            log_base: LogBase::Natural,
         }
     }
 
@@ -275,6 +330,8 @@ impl Protocol {
             post_processing: PostProcessing::None,
             d1_rule: None,
             grouping: Grouping::None,
+            resize: Resize::DisparityBilinear,
+            log_base: LogBase::Natural,
         }
     }
 
@@ -296,6 +353,120 @@ impl Protocol {
             self.name.push_str("-pp");
         }
         self
+    }
+
+    /// The same rules with another crop, named `<name>-nocrop`, `<name>-garg` or
+    /// `<name>-eigencrop`.
+    #[must_use]
+    pub fn with_crop(mut self, crop: Crop) -> Self {
+        if self.crop != crop {
+            self.crop = crop;
+            self.name.push_str(crop.ending());
+        }
+        self
+    }
+
+    /// A sentence if the choices contradict each other or are no usable numbers.
+    ///
+    /// # Errors
+    /// That sentence, without the protocol's name.
+    pub fn check(&self) -> Result<(), String> {
+        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+        if self.name.is_empty() || !self.name.chars().all(plain) {
+            return Err("its name must be made of letters, digits, `-`, `_` and `.`".to_owned());
+        }
+        let (min, max) = (self.min_depth_m as f32, self.max_depth_m as f32);
+        if !(min > 0.0 && min < max && max.is_finite()) {
+            return Err(format!(
+                "its depth limits are {} and {}, but must be 0 < min < max",
+                self.min_depth_m, self.max_depth_m
+            ));
+        }
+        let floor = self.disparity_floor_fraction;
+        if !(0.0..1.0).contains(&floor) {
+            return Err(format!(
+                "its disparity floor is {floor}, but must be a fraction of the width from 0 up"
+            ));
+        }
+        let positive = |what: &str, value: f64| {
+            if value > 0.0 && (value as f32).is_normal() {
+                Ok(())
+            } else {
+                Err(format!("its {what} is {value}, but must be positive"))
+            }
+        };
+        match self.camera {
+            Camera::Nominal { baseline_m } => positive("baseline", baseline_m)?,
+            Camera::Agreed {
+                focal_fraction,
+                baseline_m,
+            } => {
+                positive("baseline", baseline_m)?;
+                positive("focal length", focal_fraction)?;
+            }
+            Camera::Unknown if !self.median_scaling => {
+                return Err(
+                    "without a camera depth has no unit, so it needs `median_scaling: true`"
+                        .to_owned(),
+                );
+            }
+            Camera::Calibrated | Camera::Unknown => {}
+        }
+        if matches!(self.camera, Camera::Nominal { .. }) && !self.ground_truth.is_stereo() {
+            return Err(
+                "a nominal camera is known for stereo 2015 ground truth only; use `calibrated`"
+                    .to_owned(),
+            );
+        }
+        if self.ground_truth.is_stereo()
+            && matches!(self.camera, Camera::Agreed { .. } | Camera::Unknown)
+        {
+            return Err(
+                "stereo ground truth becomes depth with the camera of the image, so the camera \
+                 must be nominal or calibrated"
+                    .to_owned(),
+            );
+        }
+        if self.d1_rule.is_some() && !self.ground_truth.is_stereo() {
+            return Err("D1-all needs ground truth that is disparity".to_owned());
+        }
+        if self.grouping != Grouping::None && self.ground_truth == GroundTruthKind::Laser {
+            return Err("there are no labels for the laser grid".to_owned());
+        }
+        Ok(())
+    }
+
+    /// In words, what differs between two protocols: pairs of the sentence of `self` and of
+    /// `other`, empty where one of them has no such sentence. Names and versions are left out.
+    pub fn difference(&self, other: &Self) -> Vec<(String, String)> {
+        let sentences = |protocol: &Self| -> Vec<(String, String)> {
+            protocol
+                .describe()
+                .lines()
+                .map(|line| {
+                    let head = line.split_once(':').map_or(line, |(head, _)| head);
+                    (head.to_owned(), line.to_owned())
+                })
+                .collect()
+        };
+        let (mine, theirs) = (sentences(self), sentences(other));
+        let find = |all: &[(String, String)], head: &str| {
+            all.iter()
+                .find(|(other, _)| other == head)
+                .map(|(_, line)| line.clone())
+                .unwrap_or_default()
+        };
+        let mut heads: Vec<&String> = mine.iter().map(|(head, _)| head).collect();
+        for (head, _) in &theirs {
+            if !heads.contains(&head) {
+                heads.push(head);
+            }
+        }
+        heads
+            .into_iter()
+            .map(|head| (find(&mine, head), find(&theirs, head)))
+            .filter(|(a, b)| a != b)
+            .collect()
     }
 
     /// BLAKE3 digest, 64 hexadecimal digits, of all fields.
@@ -325,16 +496,25 @@ impl Protocol {
             post_processing,
             d1_rule,
             grouping,
+            resize,
+            log_base,
         } = self;
         let ground_truth = match ground_truth {
             GroundTruthKind::StereoNoc => "stereo-noc",
             GroundTruthKind::StereoOcc => "stereo-occ",
             GroundTruthKind::VelodyneX => "velodyne-x",
             GroundTruthKind::CameraZ => "camera-z",
+            GroundTruthKind::Annotated => "annotated",
+            GroundTruthKind::Laser => "laser",
         };
         let camera = match camera {
             Camera::Nominal { baseline_m } => format!("nominal,baseline_m={baseline_m:?}"),
             Camera::Calibrated => "calibrated".to_owned(),
+            Camera::Agreed {
+                focal_fraction,
+                baseline_m,
+            } => format!("agreed,focal_fraction={focal_fraction:?},baseline_m={baseline_m:?}"),
+            Camera::Unknown => "unknown".to_owned(),
         };
         let crop = match crop.fractions() {
             None => "none".to_owned(),
@@ -364,6 +544,16 @@ impl Protocol {
                 })
                 .join(","),
         };
+        let resize = match resize {
+            Resize::DisparityBilinear => "disparity,bilinear",
+            Resize::DepthNearest => "depth,nearest",
+        };
+        // A choice that came later stands here only where it is not the old habit, so that
+        // older digests stay.
+        let log_base = match log_base {
+            LogBase::Natural => "",
+            LogBase::Ten => "log_base=10\n",
+        };
         format!(
             "name={name}\nversion={version}\nground_truth={ground_truth}\ncamera={camera}\n\
              crop={crop}\nmin_depth_m={min_depth_m:?}\nmax_depth_m={max_depth_m:?}\n\
@@ -371,7 +561,7 @@ impl Protocol {
              disparity_floor_fraction={disparity_floor_fraction:?}\n\
              infinite_depth={infinite_depth}\nmedian_scaling={median_scaling}\n\
              post_processing={post_processing}\nd1={d1_rule}\ngrouping={grouping}\n\
-             resize=disparity,bilinear\naveraging=unweighted-mean-over-images\n"
+             resize={resize}\naveraging=unweighted-mean-over-images\n{log_base}"
         )
     }
 
@@ -396,6 +586,13 @@ impl Protocol {
                     "Ground truth: Velodyne points in the left image, depth along the camera's \
                      axis."
                 }
+                GroundTruthKind::Annotated => {
+                    "Ground truth: KITTI depth (accumulated scans checked against stereo), depth \
+                     along the camera's axis; 652 of the 697 test images have it."
+                }
+                GroundTruthKind::Laser => {
+                    "Ground truth: Make3D laser grid, 305x21 after a central 2:1 crop."
+                }
             }
             .to_owned(),
         );
@@ -407,11 +604,29 @@ impl Protocol {
             Camera::Calibrated => {
                 "Camera: focal length and baseline of the image's own calibration.".to_owned()
             }
+            Camera::Agreed {
+                focal_fraction,
+                baseline_m,
+            } => format!(
+                "Camera: focal length {focal_fraction} of the image width and baseline \
+                 {baseline_m} m for every image."
+            ),
+            Camera::Unknown => {
+                "Camera: none; depth is 1 / disparity and gets its unit from the scale.".to_owned()
+            }
         });
         lines.push(
-            "Prediction: disparity of the left image resized bilinearly to the ground truth's \
-             size, then turned into depth."
-                .to_owned(),
+            match self.resize {
+                Resize::DisparityBilinear => {
+                    "Prediction: disparity of the left image resized bilinearly to the ground \
+                     truth's size, then turned into depth."
+                }
+                Resize::DepthNearest => {
+                    "Prediction: depth at network size, of which the ground truth's grid takes \
+                     the nearest neighbours."
+                }
+            }
+            .to_owned(),
         );
         if self.post_processing == PostProcessing::Flip {
             lines.push(
@@ -463,6 +678,9 @@ impl Protocol {
             "Clip: predictions to {} m .. {} m.",
             self.min_depth_m, self.max_depth_m
         ));
+        if self.log_base == LogBase::Ten {
+            lines.push("Logarithm: RMSE log is taken to base 10.".to_owned());
+        }
         match self.d1_rule {
             None => {}
             Some(D1Rule::Inclusive) => lines.push(
@@ -490,7 +708,7 @@ impl Protocol {
 
 /// All named protocols, those of the thesis' tables first.
 pub fn protocols() -> Vec<Protocol> {
-    use GroundTruthKind::{CameraZ, StereoNoc, StereoOcc, VelodyneX};
+    use GroundTruthKind::{Annotated, CameraZ, Laser, StereoNoc, StereoOcc, VelodyneX};
     vec![
         Protocol::kitti2015("kitti2015", StereoNoc),
         Protocol {
@@ -508,11 +726,40 @@ pub fn protocols() -> Vec<Protocol> {
         Protocol::eigen("eigen-50-min1", VelodyneX, 1.0, 50.0),
         Protocol::eigen("eigen-cameraz-80", CameraZ, 1e-3, 80.0),
         Protocol::eigen("eigen-cameraz-50", CameraZ, 1e-3, 50.0),
+        // PROTOCOL 3.8, `eigen_benchmark`: every measured pixel counts, whatever its depth.
+        Protocol {
+            crop: Crop::None,
+            mask_ground_truth: false,
+            ..Protocol::eigen("eigen-improved", Annotated, 1e-3, 80.0)
+        },
+        // PROTOCOL 3.8: monodepth2 masks, scales and clips as here, and its order gives the
+        // figures of eigen-80. What differs is its camera: depth in metres is 5.4 times the
+        // network's depth, which was trained with a focal length of 0.58 widths and a baseline
+        // of 0.1 for 0.54 m, for every image; and nothing keeps disparity from being small.
+        Protocol {
+            camera: Camera::Agreed {
+                focal_fraction: 0.58,
+                baseline_m: 0.54,
+            },
+            disparity_floor_fraction: 0.0,
+            infinite_depth: InfiniteDepth::FarLimit,
+            ..Protocol::eigen("eigen-monodepth2", VelodyneX, 1e-3, 80.0)
+        },
+        // PROTOCOL 1.4, criterion C1.
+        Protocol {
+            camera: Camera::Unknown,
+            crop: Crop::None,
+            median_scaling: true,
+            resize: Resize::DepthNearest,
+            log_base: LogBase::Ten,
+            ..Protocol::eigen("make3d-c1", Laser, 1e-3, 70.0)
+        },
     ]
 }
 
-/// The protocol of that name. `-median` and `-pp` may follow a name, in the order in which
-/// [`Protocol::with_median_scaling`] and [`Protocol::with_flip`] would be called.
+/// The protocol of that name. `-median`, `-pp` and a crop (`-nocrop`, `-garg`, `-eigencrop`) may
+/// follow a name, in the order in which [`Protocol::with_median_scaling`],
+/// [`Protocol::with_flip`] and [`Protocol::with_crop`] would be called.
 pub fn protocol(name: &str) -> Option<Protocol> {
     if let Some(found) = protocols().into_iter().find(|known| known.name == name) {
         return Some(found);
@@ -521,6 +768,13 @@ pub fn protocol(name: &str) -> Option<Protocol> {
         return protocol(base)
             .filter(|p| !p.median_scaling)
             .map(Protocol::with_median_scaling);
+    }
+    for crop in [Crop::None, Crop::Garg, Crop::Eigen] {
+        if let Some(base) = name.strip_suffix(crop.ending()) {
+            return protocol(base)
+                .filter(|p| p.crop != crop)
+                .map(|p| p.with_crop(crop));
+        }
     }
     let base = name.strip_suffix("-pp")?;
     protocol(base)
@@ -541,7 +795,8 @@ mod tests {
             assert_eq!(protocol(&known.name).as_ref(), Some(known));
         }
         let digests: BTreeSet<String> = all.iter().map(Protocol::digest).collect();
-        assert_eq!((all.len(), digests.len()), (9, 9));
+        assert_eq!((all.len(), digests.len()), (12, 12));
+        assert!(all.iter().all(|known| known.check().is_ok()));
         assert_eq!(protocol("eigen"), None);
     }
 
@@ -583,6 +838,86 @@ mod tests {
         assert_eq!(protocol("eigen-80-pp-pp"), None);
         assert_eq!(protocol("eigen-80-median-median"), None);
         assert_eq!(protocol("-median"), None);
+
+        let bare = protocol("eigen-80-nocrop-pp").unwrap();
+        assert_eq!(
+            (bare.crop, bare.name.as_str()),
+            (Crop::None, "eigen-80-nocrop-pp")
+        );
+        let eigen = protocol("eigen-50-eigencrop").unwrap();
+        assert_eq!((eigen.crop, eigen.max_depth_m), (Crop::Eigen, 50.0));
+        // Its own crop is no variant.
+        assert_eq!(protocol("eigen-80-garg"), None);
+        assert_eq!(protocol("kitti2015-nocrop"), None);
+        // The scale of Make3D is always the median's.
+        assert_eq!(protocol("make3d-c1-median"), None);
+    }
+
+    #[test]
+    fn differences_are_told_in_sentences() {
+        let [a, b, m] = ["eigen-80", "eigen-50", "eigen-80-median"].map(|n| protocol(n).unwrap());
+        assert!(a.difference(&a).is_empty());
+        assert_eq!(
+            a.difference(&b),
+            [
+                (
+                    "Pixels: true depth strictly between 0.001 m and 80 m.".to_owned(),
+                    "Pixels: true depth strictly between 0.001 m and 50 m.".to_owned()
+                ),
+                (
+                    "Clip: predictions to 0.001 m .. 80 m.".to_owned(),
+                    "Clip: predictions to 0.001 m .. 50 m.".to_owned()
+                ),
+            ]
+        );
+        let scale = a.difference(&m);
+        assert!(scale.len() == 1 && scale[0].0.is_empty() && scale[0].1.starts_with("Scale:"));
+        // No two protocols may be told apart by their digests only.
+        for x in protocols() {
+            for y in protocols().iter().filter(|y| y.name != x.name) {
+                assert!(!x.difference(y).is_empty(), "{} and {}", x.name, y.name);
+            }
+        }
+    }
+
+    #[test]
+    fn contradictions_are_found() {
+        let eigen = || protocol("eigen-80").unwrap();
+        for wrong in [
+            Protocol {
+                name: "a b".to_owned(),
+                ..eigen()
+            },
+            Protocol {
+                max_depth_m: f64::NAN,
+                ..eigen()
+            },
+            Protocol {
+                disparity_floor_fraction: -0.1,
+                ..eigen()
+            },
+            Protocol {
+                camera: Camera::Unknown,
+                ..eigen()
+            },
+            Protocol {
+                camera: Camera::Nominal { baseline_m: 0.54 },
+                ..eigen()
+            },
+            Protocol {
+                d1_rule: Some(D1Rule::Strict),
+                ..eigen()
+            },
+            Protocol {
+                camera: Camera::Agreed {
+                    focal_fraction: 0.58,
+                    baseline_m: 0.0,
+                },
+                ..eigen()
+            },
+        ] {
+            assert!(wrong.check().is_err(), "{wrong:?}");
+        }
     }
 
     #[test]

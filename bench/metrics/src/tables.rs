@@ -8,6 +8,10 @@
 //! table's crop that are not printed in grey, and measured rows that cover all images of the
 //! real data set under the table's own protocol. Figures are compared as printed, to three
 //! decimals, so ties are all marked.
+//!
+//! Models called `NAME@SEED` are seeds of one method: from two of them on, tables 3.1 and 3.3
+//! give them one line with mean and sample standard deviation over the seeds' figures. Table 3.2
+//! keeps a column for each. The notes have the interval of each seed.
 
 mod render;
 #[cfg(test)]
@@ -218,9 +222,23 @@ impl Cell {
         }
     }
 
-    /// The figure as printed, so that figures that look alike are alike.
+    /// Mean and sample standard deviation over seeds.
+    fn spread(values: &[f64]) -> Self {
+        let count = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+        let deviation = (squares / (count - 1.0)).sqrt();
+        Self {
+            text: format!("{mean:.3} ± {deviation:.3}"),
+            value: Some(mean),
+            ..Self::default()
+        }
+    }
+
+    /// The figure as printed, so that figures that look alike are alike; of a spread the mean.
     fn printed(&self) -> Option<f64> {
-        self.value.and_then(|_| self.text.parse().ok())
+        let figure = self.text.split(' ').next()?;
+        self.value.and_then(|_| figure.parse().ok())
     }
 }
 
@@ -337,6 +355,23 @@ impl<'a> Part<'a> {
             digest,
             models: summarised,
         })
+    }
+
+    /// The models by method, in the order of their first row. Models called `NAME@SEED` are
+    /// seeds of one method if there are at least two of them; every other model is its own.
+    fn methods(&self) -> Vec<Vec<&(ModelRows<'a>, Summary)>> {
+        let mut methods: Vec<Vec<&(ModelRows<'a>, Summary)>> = Vec::new();
+        for entry in &self.models {
+            let name = seed_of(&entry.0).map(|(name, _)| name);
+            let siblings = methods.iter_mut().find(|method| {
+                name.is_some() && seed_of(&method[0].0).map(|(name, _)| name) == name
+            });
+            match siblings {
+                Some(method) => method.push(entry),
+                None => methods.push(vec![entry]),
+            }
+        }
+        methods
     }
 
     fn is_own(&self) -> bool {
@@ -555,7 +590,14 @@ impl Table {
                     ));
                 }
             }
-            for (model, summary) in &part.models {
+            for method in part.methods() {
+                let &[(model, summary)] = method.as_slice() else {
+                    section
+                        .lines
+                        .push(seeds_line(part, &method, coverage, with_d1));
+                    self.notes.push(seeds_note(&part.protocol, &method));
+                    continue;
+                };
                 let mut line = Line {
                     measured: true,
                     grey: false,
@@ -689,6 +731,69 @@ impl Line {
         self.cells
             .extend(metrics.to_array().map(|value| Cell::figure(Some(value))));
     }
+}
+
+/// Name and seed of a model called `NAME@SEED`.
+fn seed_of<'a>(model: &ModelRows<'a>) -> Option<(&'a str, &'a str)> {
+    let (name, seed) = model.context().model.rsplit_once('@')?;
+    (!name.is_empty() && !seed.is_empty()).then_some((name, seed))
+}
+
+/// One line for several seeds: mean and standard deviation of the seeds' figures.
+fn seeds_line(
+    part: &Part<'_>,
+    seeds: &[&(ModelRows<'_>, Summary)],
+    coverage: &Coverage,
+    with_d1: bool,
+) -> Line {
+    let name = seeds.first().and_then(|(model, _)| seed_of(model));
+    let fewest = seeds.iter().map(|(model, _)| model.images()).min();
+    let fewest = fewest.unwrap_or(0);
+    let mut line = Line {
+        measured: true,
+        grey: false,
+        comparable: seeds
+            .iter()
+            .all(|(model, _)| part.competes(model, coverage)),
+        cells: vec![
+            Cell::text(format!(
+                "{} ({} seeds)",
+                name.map_or("", |(name, _)| name),
+                seeds.len()
+            )),
+            Cell::text("measured"),
+            Cell::text("-"),
+            Cell {
+                value: Some(fewest as f64),
+                ..Cell::text(format!("{fewest}/{}", coverage.expected_images))
+            },
+        ],
+    };
+    line.cells.extend(Metric::ALL.map(|metric| {
+        let values: Vec<f64> = seeds.iter().map(|(_, s)| s.mean.get(metric)).collect();
+        Cell::spread(&values)
+    }));
+    if with_d1 {
+        let values: Option<Vec<f64>> = seeds.iter().map(|(_, summary)| summary.d1_all).collect();
+        line.cells.push(match values {
+            Some(values) => Cell::spread(&values),
+            None => Cell::figure(None),
+        });
+    }
+    line
+}
+
+fn seeds_note(protocol: &str, seeds: &[&(ModelRows<'_>, Summary)]) -> String {
+    let named: Vec<(&str, &str)> = seeds
+        .iter()
+        .filter_map(|(model, _)| seed_of(model))
+        .collect();
+    let seeds: Vec<&str> = named.iter().map(|(_, seed)| *seed).collect();
+    format!(
+        "{} under {protocol}: mean ± standard deviation over the seeds {}.",
+        named.first().map_or("", |(name, _)| name),
+        seeds.join(", ")
+    )
 }
 
 fn published_line(row: &PublishedRow, own_protocol: bool, with_d1: bool) -> Line {

@@ -10,4 +10,6 @@ mod velodyne;
 
 pub use calibration::{CalibrationError, CamToCam, VeloToCam};
 pub use stereo::{NOMINAL_BASELINE_M, depth_from_disparity_px, nominal_focal_px};
-pub use velodyne::{DepthAxis, ScanError, parse_velodyne, velodyne_depth, velodyne_projection};
+pub use velodyne::{
+    DepthAxis, ScanError, parse_velodyne, velodyne_depth, velodyne_points, velodyne_projection,
+};

@@ -6,6 +6,8 @@
 //! ([`DepthAxis::CameraZ`] is the right one), and its search for points falling on one pixel
 //! also merges the last pixel of a row with the first of the next.
 
+use std::borrow::Borrow;
+
 use crate::calibration::{CamToCam, VeloToCam};
 
 /// A scan that cannot be read.
@@ -39,6 +41,16 @@ pub enum DepthAxis {
 /// # Errors
 /// The bytes are not a whole, positive number of points.
 pub fn parse_velodyne(bytes: &[u8]) -> Result<Vec<[f32; 4]>, ScanError> {
+    Ok(velodyne_points(bytes)?.collect())
+}
+
+/// As [`parse_velodyne`], point by point without a copy of the scan.
+///
+/// # Errors
+/// The bytes are not a whole, positive number of points.
+pub fn velodyne_points(
+    bytes: &[u8],
+) -> Result<impl ExactSizeIterator<Item = [f32; 4]> + Clone, ScanError> {
     let (points, rest) = bytes.as_chunks::<16>();
     if !rest.is_empty() {
         return Err(ScanError::Truncated { bytes: bytes.len() });
@@ -51,8 +63,7 @@ pub fn parse_velodyne(bytes: &[u8]) -> Result<Vec<[f32; 4]>, ScanError> {
     };
     Ok(points
         .iter()
-        .map(|p| std::array::from_fn(|i| number(p, i)))
-        .collect())
+        .map(move |p| std::array::from_fn(|i| number(p, i))))
 }
 
 /// The matrix from homogeneous Velodyne points to homogeneous pixels of the left camera:
@@ -75,66 +86,86 @@ pub fn velodyne_projection(cam: &CamToCam, velo: &VeloToCam) -> [[f64; 4]; 3] {
 /// `projection` comes from [`velodyne_projection`]. Points behind the scanner (x < 0) are
 /// dropped; pixels are 1-based in the projection and rounded half to even; of several
 /// points on a pixel the nearest stays. Negative depths become 0.
-pub fn velodyne_depth(
-    points: &[[f32; 4]],
+///
+/// `points` are those of [`parse_velodyne`] or [`velodyne_points`].
+pub fn velodyne_depth<P: Borrow<[f32; 4]>>(
+    points: impl IntoIterator<Item = P>,
     projection: &[[f64; 4]; 3],
     width: usize,
     height: usize,
     axis: DepthAxis,
 ) -> Vec<f32> {
-    let mut depth_m = vec![0.0_f64; width * height];
+    let mut depth_m = vec![0.0_f32; width * height];
     if depth_m.is_empty() {
         return Vec::new();
     }
-    // Per collision key: pixel of the first point, points seen, nearest of them. Keys run
-    // from -1 (the first pixel of the image) to height * (width - 1) - 1.
-    let mut groups = vec![Group::default(); height * (width - 1) + 1];
-    for &[x, y, z, _] in points {
+    let (columns, rows) = (width as f64, height as f64);
+    // Hits of the first and the last column, where points of two pixels share a search key.
+    let mut sides = Vec::new();
+    // Inner pixels that a point without a positive depth fell on: nothing is nearer than that.
+    let mut blank = Vec::new();
+    for point in points {
+        let [x, y, z, _] = *point.borrow();
         if x.is_nan() || x < 0.0 {
             continue;
         }
         let point = [f64::from(x), f64::from(y), f64::from(z), 1.0];
         let [u, v, w] = projection
             .map(|row| row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3]);
-        let column = (u / w).round_ties_even() - 1.0;
-        let row = (v / w).round_ties_even() - 1.0;
-        if !(column >= 0.0 && row >= 0.0 && column < width as f64 && row < height as f64) {
+        // Most points lie far outside the image; these comparisons cost less than the divisions.
+        if w > 0.0 && (u < 0.0 || v < 0.0 || u > (columns + 1.0) * w || v > (rows + 1.0) * w) {
+            continue;
+        }
+        let (u, v) = (u / w, v / w);
+        if !(u >= 0.0 && v >= 0.0 && u <= columns + 1.0 && v <= rows + 1.0) {
+            continue;
+        }
+        let (column, row) = (half_to_even(u) - 1.0, half_to_even(v) - 1.0);
+        if column < 0.0 || row < 0.0 || column >= columns || row >= rows {
             continue;
         }
         let (column, row) = (column as usize, row as usize);
         let pixel = row * width + column;
+        // Rounding keeps the order, so the nearest of the rounded is the rounded nearest.
         let value = match axis {
-            DepthAxis::VelodyneX => point[0],
-            DepthAxis::CameraZ => w,
+            DepthAxis::VelodyneX => x,
+            DepthAxis::CameraZ => w as f32,
         };
-        depth_m[pixel] = value;
-        groups[row * (width - 1) + column].add(pixel, value);
+        if column == 0 || column == width - 1 {
+            sides.push((row * (width - 1) + column, pixel, value));
+        } else if value > 0.0 {
+            let nearest = &mut depth_m[pixel];
+            *nearest = if *nearest == 0.0 {
+                value
+            } else {
+                nearest.min(value)
+            };
+        } else {
+            blank.push(pixel);
+        }
     }
-    for group in groups.iter().filter(|group| group.points > 1) {
-        depth_m[group.first_pixel] = group.nearest_m;
+    for pixel in blank {
+        depth_m[pixel] = 0.0;
+    }
+    // Last in file order stays, then the first pixel of a key is given the nearest of the key.
+    for &(_, pixel, value) in &sides {
+        depth_m[pixel] = value.max(0.0);
+    }
+    sides.sort_by_key(|(key, ..)| *key);
+    for group in sides.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() > 1) {
+        let nearest = group
+            .iter()
+            .fold(f32::INFINITY, |least, hit| least.min(hit.2));
+        depth_m[group[0].1] = nearest.max(0.0);
     }
     depth_m
-        .into_iter()
-        .map(|depth_m| if depth_m < 0.0 { 0.0 } else { depth_m as f32 })
-        .collect()
 }
 
-#[derive(Clone, Default)]
-struct Group {
-    first_pixel: usize,
-    points: u32,
-    nearest_m: f64,
-}
-
-impl Group {
-    fn add(&mut self, pixel: usize, depth_m: f64) {
-        if self.points == 0 {
-            self.first_pixel = pixel;
-            self.nearest_m = depth_m;
-        }
-        self.nearest_m = self.nearest_m.min(depth_m);
-        self.points += 1;
-    }
+/// Rounds half to even. Exact for what passes the comparisons before it, which is far below 2^51
+/// in size; without SSE4.1 the standard method is a library call.
+fn half_to_even(number: f64) -> f64 {
+    const SHIFT: f64 = 6_755_399_441_055_744.0;
+    number + SHIFT - SHIFT
 }
 
 fn product(left: &[[f64; 4]; 3], right: &[[f64; 4]; 4]) -> [[f64; 4]; 3] {
@@ -158,17 +189,17 @@ mod tests {
     #[test]
     fn ties_round_to_even_and_the_nearest_point_stays() {
         let points = [
-            [10.0, 0.0, 0.0, 0.5],
+            [10.0_f32, 0.0, 0.0, 0.5],
             [20.0, 0.0, 0.0, 0.5],
             [-5.0, 0.0, 0.0, 0.1],
         ];
-        let depth = velodyne_depth(&points, &PLAIN, 9, 8, DepthAxis::VelodyneX);
+        let depth = velodyne_depth(points, &PLAIN, 9, 8, DepthAxis::VelodyneX);
         // 5.5 -> 6 and 4.5 -> 4, minus the one of 1-based pixels: row 3, column 5
         assert_eq!(depth[3 * 9 + 5], 10.0);
         assert_eq!(depth.iter().filter(|d| **d > 0.0).count(), 1);
         let swapped = [points[1], points[0]];
         assert_eq!(
-            velodyne_depth(&swapped, &PLAIN, 9, 8, DepthAxis::VelodyneX),
+            velodyne_depth(swapped, &PLAIN, 9, 8, DepthAxis::VelodyneX),
             depth
         );
     }
@@ -186,8 +217,51 @@ mod tests {
             ]
         };
         let points = [pixel_row_col(0.0, 2.0, 16.0), pixel_row_col(1.0, 0.0, 8.0)];
-        let depth = velodyne_depth(&points, &PLAIN, 3, 2, DepthAxis::VelodyneX);
+        let depth = velodyne_depth(points, &PLAIN, 3, 2, DepthAxis::VelodyneX);
         assert_eq!(depth, [0.0, 0.0, 8.0, 8.0, 0.0, 0.0]);
+    }
+
+    /// PROTOCOL 3.5 step by step, with the search for repeated keys written as it is stated there.
+    fn step_by_step(
+        points: &[[f32; 4]],
+        projection: &[[f64; 4]; 3],
+        (width, height): (usize, usize),
+        axis: DepthAxis,
+    ) -> Vec<f32> {
+        let mut hits = Vec::new();
+        for &[x, y, z, _] in points.iter().filter(|p| p[0] >= 0.0) {
+            let [u, v, w] = projection.map(|row| {
+                row[0] * f64::from(x) + row[1] * f64::from(y) + row[2] * f64::from(z) + row[3]
+            });
+            let column = (u / w).round_ties_even() - 1.0;
+            let row = (v / w).round_ties_even() - 1.0;
+            if column >= 0.0 && row >= 0.0 && column < width as f64 && row < height as f64 {
+                let value = match axis {
+                    DepthAxis::VelodyneX => f64::from(x),
+                    DepthAxis::CameraZ => w,
+                };
+                hits.push((row as usize, column as usize, value));
+            }
+        }
+        let mut depth_m = vec![0.0_f64; width * height];
+        for &(row, column, value) in &hits {
+            depth_m[row * width + column] = value;
+        }
+        let key = |hit: &(usize, usize, f64)| hit.0 * (width - 1) + hit.1;
+        for first in 0..hits.len() {
+            let same: Vec<_> = hits
+                .iter()
+                .filter(|h| key(h) == key(&hits[first]))
+                .collect();
+            if same.len() > 1 {
+                let nearest = same.iter().map(|h| h.2).fold(f64::INFINITY, f64::min);
+                depth_m[same[0].0 * width + same[0].1] = nearest;
+            }
+        }
+        let kept = depth_m
+            .into_iter()
+            .map(|d| if d < 0.0 { 0.0 } else { d as f32 });
+        kept.collect()
     }
 
     #[test]
@@ -200,13 +274,19 @@ mod tests {
             [f32::MAX, f32::MIN, 0.0, 0.0],
         ];
         assert!(
-            velodyne_depth(&points, &PLAIN, 9, 8, DepthAxis::VelodyneX)
+            velodyne_depth(points, &PLAIN, 9, 8, DepthAxis::VelodyneX)
                 .iter()
                 .all(|d| *d == 0.0)
         );
-        assert!(velodyne_depth(&points, &PLAIN, 0, 8, DepthAxis::VelodyneX).is_empty());
+        assert!(velodyne_depth(points, &PLAIN, 0, 8, DepthAxis::VelodyneX).is_empty());
         assert_eq!(
-            velodyne_depth(&[[1.0, 0.45, 0.35, 0.0]], &PLAIN, 1, 1, DepthAxis::CameraZ),
+            velodyne_depth(
+                [[1.0_f32, 0.45, 0.35, 0.0]],
+                &PLAIN,
+                1,
+                1,
+                DepthAxis::CameraZ
+            ),
             [1.0]
         );
     }
@@ -298,6 +378,42 @@ mod tests {
                 let depth_m = velodyne_depth(&points, &PLAIN, 12, 9, axis);
                 prop_assert_eq!(depth_m.len(), 108);
                 prop_assert!(depth_m.iter().all(|d| (0.0..=far).contains(d)));
+            }
+        }
+
+        /// Coarse coordinates make ties, repeated pixels, points on the scanner and behind the camera common.
+        #[test]
+        fn images_equal_the_definition(
+            points in prop::collection::vec((-2_i8..12, -20_i8..20, -20_i8..20), 0..120),
+            width in 1_usize..9,
+            height in 1_usize..7,
+            back in -6_i8..3,
+        ) {
+            let points: Vec<_> = points
+                .iter()
+                .map(|p| [f32::from(p.0) / 2.0, f32::from(p.1) / 8.0, f32::from(p.2) / 8.0, 0.0])
+                .collect();
+            let mut projection = PLAIN;
+            projection[2][3] = f64::from(back) / 2.0;
+            for axis in [DepthAxis::VelodyneX, DepthAxis::CameraZ] {
+                prop_assert_eq!(
+                    velodyne_depth(&points, &projection, width, height, axis),
+                    step_by_step(&points, &projection, (width, height), axis)
+                );
+            }
+        }
+
+        #[test]
+        fn any_bytes_are_a_scan_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+            match parse_velodyne(&bytes) {
+                Ok(points) => {
+                    prop_assert_eq!(16 * points.len(), bytes.len());
+                    for axis in [DepthAxis::VelodyneX, DepthAxis::CameraZ] {
+                        let depth_m = velodyne_depth(&points, &PLAIN, 12, 9, axis);
+                        prop_assert!(depth_m.iter().all(|d| *d >= 0.0));
+                    }
+                }
+                Err(_) => prop_assert!(bytes.is_empty() || bytes.len() % 16 != 0),
             }
         }
 

@@ -37,8 +37,11 @@ use anyhow::Context;
 use image::RgbImage;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use strat_splits::FrameId;
 use strat_store::progress::Progress;
 use strat_store::{files, image_files, yaml};
+
+use crate::raw::RENDERED;
 
 pub use plan::Preset;
 use plan::{Purpose, Shot};
@@ -111,12 +114,15 @@ pub fn run(args: &Args) -> anyhow::Result<u8> {
         .build()
         .context("The threads for rendering could not be started; try a smaller --jobs.")?;
     let missing: Vec<&Shot> = shots.iter().filter(|s| !is_there(&args.out, s)).collect();
-    let textures = noise::Textures::new();
+    let renderer = Renderer {
+        scan_steps: args.preset.scan_steps(),
+        ..Renderer::new(args.seed, args.preset.divisor())
+    };
     let progress = Progress::new("synth", missing.len() as u64, "frames", args.quiet);
     let failures = Mutex::new(Vec::new());
     pool.install(|| {
         missing.par_iter().for_each(|shot| {
-            if let Err(error) = shoot(&args.out, shot, args.preset, args.seed, &textures) {
+            if let Err(error) = write(&args.out, shot, &renderer) {
                 let line = format!("{} frame {}: {error:#}", shot.world, shot.index);
                 progress.println(&line);
                 failures
@@ -164,10 +170,13 @@ fn claim(out: &Path, file: &WorldFile) -> anyhow::Result<()> {
     }
     let rig_of = |name: &str| rig::day(name).map(|day| rig::Rig::new(day, file.size_divisor));
     let raw = out.join("kitti_raw");
-    files::write_atomic(
-        &raw.join("RENDERED"),
-        b"This is a rendered world, see WORLD.yaml.\n",
-    )?;
+    // Each of the folders may be used without the other.
+    for folder in [&raw, &out.join("kitti2015")] {
+        files::write_atomic(
+            &folder.join(RENDERED),
+            b"This is a rendered world, see WORLD.yaml.\n",
+        )?;
+    }
     let dates: BTreeSet<&str> = rig::DAYS.iter().map(|d| d.name).collect();
     for date in dates {
         let Some(rig) = rig_of(date) else { continue };
@@ -259,10 +268,131 @@ fn is_there(out: &Path, shot: &Shot) -> bool {
         .all(|path| path.is_file())
 }
 
+/// What is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum View {
+    /// A frame of a raw drive.
+    Frame(FrameId),
+    /// A stereo 2015 training scene, 0 to 199.
+    Stereo(usize),
+}
+
+/// Renders single frames in memory, without a folder of files.
+pub struct Renderer {
+    textures: noise::Textures,
+    seed: u64,
+    divisor: u32,
+    scan_steps: usize,
+}
+
+/// A rendered stereo pair and what was measured with it.
+pub struct Rendered {
+    /// Picture of camera 2.
+    pub left: RgbImage,
+    /// Picture of camera 3.
+    pub right: RgbImage,
+    /// Points of the scan (frames of a drive, unless the published data lack the scan): x forward,
+    /// y left, z up in metres, reflectance 0 to 1.
+    pub scan: Option<Vec<[f32; 4]>>,
+    /// Ground truth of a stereo scene.
+    pub truth: Option<RenderedTruth>,
+    /// Text of the camera calibration.
+    pub cam_to_cam: String,
+    /// Text of the scanner's calibration.
+    pub velo_to_cam: String,
+}
+
+/// Ground truth of a stereo scene, a value per pixel of the left picture, row by row.
+pub struct RenderedTruth {
+    /// Disparity of what both cameras see, pixels times 256; 0 is none.
+    pub noc: Vec<u16>,
+    /// Disparity of everything that was measured, pixels times 256; 0 is none.
+    pub occ: Vec<u16>,
+    /// Cityscapes label ids.
+    pub semantic: Vec<u8>,
+    /// Label id times 256 plus the number of the object.
+    pub instance: Vec<u16>,
+}
+
+impl Renderer {
+    /// A renderer of the world of a seed, with pictures of 1/`divisor` of KITTI's sizes.
+    ///
+    /// # Panics
+    /// If `divisor` is 0 or larger than 100.
+    pub fn new(seed: u64, divisor: u32) -> Self {
+        assert!((1..=100).contains(&divisor), "pictures have pixels");
+        Self {
+            textures: noise::Textures::new(),
+            seed,
+            divisor,
+            scan_steps: Preset::Demo.scan_steps(),
+        }
+    }
+
+    /// Renders one view.
+    ///
+    /// # Errors
+    /// The drive or the scene is not one of KITTI's.
+    pub fn render(&self, view: View) -> anyhow::Result<Rendered> {
+        let shot = plan::shot(view).with_context(|| {
+            format!("KITTI has no {view:?}, so nothing can be rendered for it.")
+        })?;
+        self.shoot(&shot)
+    }
+
+    fn shoot(&self, shot: &Shot) -> anyhow::Result<Rendered> {
+        let day = rig::day(shot.date.as_str()).context("This recording day has no calibration.")?;
+        let rig = rig::Rig::new(day, self.divisor);
+        let world = world_of(shot, self.seed);
+        let pair = render_pair(&world, &self.textures, rig, shot.index);
+        let seed = chance::key(&[
+            chance::key_of_name(&shot.world),
+            self.seed,
+            u64::from(shot.index),
+        ]);
+        let image = |which, picture| {
+            let bytes = picture::develop(picture, &world.sensor(which, seed));
+            RgbImage::from_raw(rig.width, rig.height, bytes)
+                .context("The picture does not have the size of its camera.")
+        };
+        let (left, right) = (image(2, &pair.left)?, image(3, &pair.right)?);
+        let scan = matches!(shot.purpose, Purpose::Raw { scan: true, .. }).then(|| {
+            let (eye, axes) = rig.scanner(&pair.scene);
+            let scanner = scan::Scanner {
+                steps: self.scan_steps,
+                seed,
+            };
+            scan::scan(&pair.scene, eye, axes, scanner)
+        });
+        let truth = matches!(shot.purpose, Purpose::Stereo { .. }).then(|| {
+            let right = (&pair.right_camera, &pair.right_tiles);
+            let baseline_m = rig.baseline_m() as f32;
+            let truth::Disparities { noc, occ } =
+                truth::disparities(&pair.scene, &pair.left, right, baseline_m, seed);
+            let ids = pair.left.label.iter().zip(&pair.left.object);
+            RenderedTruth {
+                noc,
+                occ,
+                instance: ids
+                    .map(|(&label, &object)| u16::from(label) * 256 + object)
+                    .collect(),
+                semantic: pair.left.label,
+            }
+        });
+        Ok(Rendered {
+            left,
+            right,
+            scan,
+            truth,
+            cam_to_cam: rig.cam_to_cam(),
+            velo_to_cam: rig.velo_to_cam(),
+        })
+    }
+}
+
 /// A rendered stereo pair with everything needed to derive truth from it.
 struct Pair<'a> {
     scene: scene::Scene<'a>,
-    rig: rig::Rig,
     left: picture::Picture,
     right: picture::Picture,
     right_camera: picture::Camera,
@@ -294,7 +424,6 @@ fn render_pair<'a>(
     let right = picture::render(&scene, &right_camera, &right_tiles);
     Pair {
         scene,
-        rig,
         left,
         right,
         right_camera,
@@ -302,40 +431,17 @@ fn render_pair<'a>(
     }
 }
 
-fn shoot(
-    out: &Path,
-    shot: &Shot,
-    preset: Preset,
-    seed: u64,
-    textures: &noise::Textures,
-) -> anyhow::Result<()> {
-    let day = rig::day(shot.date.as_str()).context("This recording day has no calibration.")?;
-    let rig = rig::Rig::new(day, preset.divisor());
-    let world = world_of(shot, seed);
-    let pair = render_pair(&world, textures, rig, shot.index);
+/// Renders a shot and writes its files.
+fn write(out: &Path, shot: &Shot, renderer: &Renderer) -> anyhow::Result<()> {
+    let rendered = renderer.shoot(shot)?;
     let targets = targets(out, shot);
-    let frame_seed = chance::key(&[
-        chance::key_of_name(&shot.world),
-        seed,
-        u64::from(shot.index),
-    ]);
-    for (which, picture, path) in [
-        (2, &pair.left, &targets.left),
-        (3, &pair.right, &targets.right),
+    for (path, image) in [
+        (&targets.left, &rendered.left),
+        (&targets.right, &rendered.right),
     ] {
-        let sensor = world.sensor(which, frame_seed);
-        let bytes = picture::develop(picture, &sensor);
-        let image = RgbImage::from_raw(rig.width, rig.height, bytes)
-            .context("The picture does not have the size of its camera.")?;
-        files::write_atomic(path, &image_files::encode_png_rgb(&image))?;
+        files::write_atomic(path, &image_files::encode_png_rgb(image))?;
     }
-    if let Some(path) = &targets.scan {
-        let (eye, axes) = rig.scanner(&pair.scene);
-        let scanner = scan::Scanner {
-            steps: preset.scan_steps(),
-            seed: frame_seed,
-        };
-        let points = scan::scan(&pair.scene, eye, axes, scanner);
+    if let (Some(path), Some(points)) = (&targets.scan, &rendered.scan) {
         let bytes: Vec<u8> = points
             .iter()
             .flatten()
@@ -343,34 +449,15 @@ fn shoot(
             .collect();
         files::write_atomic(path, &bytes)?;
     }
-    if let Some(truth) = &targets.truth {
-        write_truth(&pair, truth, frame_seed)?;
+    if let (Some(to), Some(truth)) = (&targets.truth, &rendered.truth) {
+        let (width, height) = rendered.left.dimensions();
+        let gray16 = |values: &[u16]| image_files::encode_png_gray16(width, height, values);
+        files::write_atomic(&to.noc, &gray16(&truth.noc))?;
+        files::write_atomic(&to.occ, &gray16(&truth.occ))?;
+        let semantic = image_files::encode_png_gray8(width, height, &truth.semantic);
+        files::write_atomic(&to.semantic, &semantic)?;
+        files::write_atomic(&to.instance, &gray16(&truth.instance))?;
+        files::write_atomic(&to.calibration, rendered.cam_to_cam.as_bytes())?;
     }
-    Ok(())
-}
-
-fn write_truth(pair: &Pair, to: &Truth, seed: u64) -> anyhow::Result<()> {
-    let (width, height) = (pair.rig.width, pair.rig.height);
-    let disparities = truth::disparities(
-        &pair.scene,
-        &pair.left,
-        (&pair.right_camera, &pair.right_tiles),
-        pair.rig.baseline_m() as f32,
-        seed,
-    );
-    let gray16 = |values: &[u16]| image_files::encode_png_gray16(width, height, values);
-    files::write_atomic(&to.noc, &gray16(&disparities.noc))?;
-    files::write_atomic(&to.occ, &gray16(&disparities.occ))?;
-    let semantic = image_files::encode_png_gray8(width, height, &pair.left.label);
-    files::write_atomic(&to.semantic, &semantic)?;
-    let instances: Vec<u16> = pair
-        .left
-        .label
-        .iter()
-        .zip(&pair.left.object)
-        .map(|(&label, &object)| u16::from(label) * 256 + object)
-        .collect();
-    files::write_atomic(&to.instance, &gray16(&instances))?;
-    files::write_atomic(&to.calibration, pair.rig.cam_to_cam().as_bytes())?;
     Ok(())
 }

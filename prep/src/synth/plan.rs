@@ -9,6 +9,7 @@ use strat_splits::{
     kitti2015_origin, validation,
 };
 
+use super::View;
 use super::chance::{Dice, key_of_name};
 use super::street::Theme;
 
@@ -234,6 +235,17 @@ fn raw_shot(frame: FrameId) -> Option<Shot> {
             scan: !drive.missing_scans.contains(&frame.index),
         },
     })
+}
+
+/// The shot of a view; `None` if KITTI has no such frame or scene.
+pub(super) fn shot(view: View) -> Option<Shot> {
+    match view {
+        View::Frame(frame) => {
+            let drive = drives().iter().find(|d| d.id == frame.drive)?;
+            (frame.index < drive.frames).then(|| raw_shot(frame))?
+        }
+        View::Stereo(number) => (number < kitti2015_origin().len()).then(|| stereo_shot(number)),
+    }
 }
 
 /// Scenes cut from public drives show that drive; the others have worlds of their own.

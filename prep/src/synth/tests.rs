@@ -188,8 +188,9 @@ fn bytes_depend_on_the_seed_alone_and_only_missing_files_are_rendered() {
     assert_eq!(tiny(&one, 1, 1).expect("renders"), 0);
     assert_eq!(tiny(&three, 3, 1).expect("renders"), 0);
     let all = contents(&one);
-    // 15 raw frames with two pictures and a scan, 3 scenes of 7 files, 5 days of 3 files.
-    assert_eq!(all.len(), 15 * 3 + 3 * 7 + 5 * 3 + 2);
+    // 15 raw frames with two pictures and a scan, 3 scenes of 7 files, 5 days of 3 files, and what
+    // says that they are rendered.
+    assert_eq!(all.len(), 15 * 3 + 3 * 7 + 5 * 3 + 3);
     assert!(
         all == contents(&three),
         "the number of threads changed some bytes"
@@ -214,6 +215,40 @@ fn bytes_depend_on_the_seed_alone_and_only_missing_files_are_rendered() {
     );
 
     labels_cover_everything(&three);
+}
+
+/// What is rendered in memory is what `prep synth` writes.
+#[test]
+fn a_single_view_is_the_frame_of_the_preset() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let renderer = Renderer {
+        scan_steps: Preset::Tiny.scan_steps(),
+        ..Renderer::new(7, DIVISOR)
+    };
+    for shot in [&STAGE.shots[0], &STAGE.shots[STAGE.shots.len() - 1]] {
+        let view = match shot.purpose {
+            Purpose::Raw { frame, .. } => View::Frame(frame),
+            Purpose::Stereo { number } => View::Stereo(number),
+        };
+        let rendered = renderer.render(view).expect("a view of KITTI");
+        write(folder.path(), shot, &renderer).expect("is written");
+        let files = targets(folder.path(), shot);
+        let left = image_files::read_rgb(&files.left).expect("own picture");
+        assert!(left == rendered.left);
+        assert_eq!(files.scan.is_some(), rendered.scan.is_some());
+        assert_eq!(files.truth.is_some(), rendered.truth.is_some());
+        if let (Some(files), Some(truth)) = (&files.truth, &rendered.truth) {
+            let (.., occ) = image_files::read_gray16(&files.occ).expect("own disparities");
+            assert!(occ == truth.occ);
+        }
+        CamToCam::parse(&rendered.cam_to_cam).expect("own calibration");
+        VeloToCam::parse(&rendered.velo_to_cam).expect("own calibration");
+    }
+    let frame = "2011_09_26_drive_0001/0000009999"
+        .parse()
+        .expect("a frame name");
+    assert!(renderer.render(View::Frame(frame)).is_err());
+    assert!(renderer.render(View::Stereo(200)).is_err());
 }
 
 /// All seven categories of PROTOCOL 1.3 appear, and instances carry their label.

@@ -66,6 +66,44 @@ pub fn read_depth(path: &Path) -> Result<(Plane, DepthHeader)> {
     })
 }
 
+/// The channel `Y`, or the only one there is, of any flat EXR file: whatever its pixel type, its
+/// attributes and the program that wrote it.
+///
+/// # Errors
+/// The bytes are truncated or no EXR, or several channels leave open which is meant.
+pub fn decode_channel(bytes: &[u8]) -> std::result::Result<Plane, String> {
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(|error| match error {
+            exr::error::Error::Io(_) => format!("it is truncated ({} bytes)", bytes.len()),
+            other => format!("it is no usable EXR file: {other}"),
+        })?;
+    let layer = image.layer_data;
+    let channels = &layer.channel_data.list;
+    let channel = match channels.as_slice() {
+        [only] => only,
+        several => several
+            .iter()
+            .find(|channel| channel.name.eq(CHANNEL))
+            .ok_or_else(|| {
+                let names: Vec<_> = several.iter().map(|c| c.name.to_string()).collect();
+                format!(
+                    "its channels are {}; one should be called `{CHANNEL}` or be the only one",
+                    names.join(", ")
+                )
+            })?,
+    };
+    let data = channel.sample_data.values_as_f32().collect();
+    Plane::new(layer.size.x(), layer.size.y(), data)
+        .ok_or_else(|| "its size contradicts its data".to_owned())
+}
+
 fn encode(depth_m: &Plane, header: &DepthHeader) -> std::result::Result<Vec<u8>, String> {
     let (width, height) = (depth_m.width, depth_m.height);
     if width == 0 || height == 0 || width.checked_mul(height) != Some(depth_m.data.len()) {
@@ -267,6 +305,33 @@ mod tests {
                 .to_string()
                 .contains("its unit is `f`, not `m`")
         );
+    }
+
+    #[test]
+    fn foreign_files_are_read_by_channel() {
+        let file = |names: [&str; 2]| {
+            let at = |i: usize| f16::from_f32(i as f32 / 2.0);
+            let values = FlatSamples::F16((0..6).map(at).collect());
+            let list = names.map(|name| AnyChannel::new(name, values.clone()));
+            let channels = AnyChannels::sort(list.into_iter().collect());
+            let mut bytes = Cursor::new(Vec::new());
+            let image = Image::from_channels((3, 2), channels);
+            image.write().to_buffered(&mut bytes).unwrap();
+            bytes.into_inner()
+        };
+        let plane = decode_channel(&file(["A", "Y"])).unwrap();
+        assert_eq!((plane.width, plane.height), (3, 2));
+        assert_eq!(plane.data, [0.0, 0.5, 1.0, 1.5, 2.0, 2.5]);
+        assert_eq!(
+            decode_channel(&encode_depth(&depth(), &header()).unwrap()),
+            Ok(depth())
+        );
+        assert!(
+            decode_channel(&file(["A", "B"]))
+                .unwrap_err()
+                .contains("its channels are A, B")
+        );
+        assert!(decode_channel(b"no exr").is_err());
     }
 
     #[test]

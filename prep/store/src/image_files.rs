@@ -3,14 +3,73 @@
 //! The format is told from the content, not from the name. A truncated file is an error even
 //! where the decoder would fill the rest with grey.
 
+use std::fmt;
 use std::path::Path;
+use std::str::FromStr;
 
-use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, RgbImage};
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 
 use crate::error::{Error, Result};
 use crate::files;
+
+/// How network-size images are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Codec {
+    /// Without loss.
+    Png,
+    /// JPEG with 4:2:0 colour at a quality from 1 to 100.
+    Jpeg(u8),
+}
+
+impl Codec {
+    /// Ending of file names.
+    pub fn ending(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Jpeg(_) => "jpg",
+        }
+    }
+
+    /// The bytes of a file.
+    ///
+    /// # Panics
+    /// If a side is longer than JPEG allows (65,535 pixels).
+    pub fn encode(self, image: &RgbImage) -> Vec<u8> {
+        match self {
+            Self::Png => encode_png_rgb(image),
+            Self::Jpeg(quality) => encode_jpeg_rgb(image, quality),
+        }
+    }
+}
+
+impl fmt::Display for Codec {
+    /// `png` or `jpeg-92`, as in manifests.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Png => f.pad("png"),
+            Self::Jpeg(quality) => write!(f, "jpeg-{quality}"),
+        }
+    }
+}
+
+impl FromStr for Codec {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        if text == "png" {
+            return Ok(Self::Png);
+        }
+        let quality = text.strip_prefix("jpeg-").and_then(|q| q.parse().ok());
+        match quality.filter(|quality| (1..=100).contains(quality)) {
+            Some(quality) => Ok(Self::Jpeg(quality)),
+            None => Err(format!(
+                "`{text}` is no codec; there are png and jpeg-1 to jpeg-100"
+            )),
+        }
+    }
+}
 
 /// Reads a PNG or JPEG as 8-bit RGB.
 ///
@@ -33,13 +92,21 @@ pub fn decode_rgb(bytes: &[u8], name: &str) -> Result<RgbImage> {
 /// # Errors
 /// The file cannot be read, is truncated, no image, or of another pixel type.
 pub fn read_gray16(path: &Path) -> Result<(usize, usize, Vec<u16>)> {
-    match decode(&files::read(path)?, &path.display().to_string())? {
+    decode_gray16(&files::read(path)?, &path.display().to_string())
+}
+
+/// Decodes the bytes of a single-channel 16-bit PNG; `name` is used in messages.
+///
+/// # Errors
+/// The bytes are truncated, no image, or of another pixel type.
+pub fn decode_gray16(bytes: &[u8], name: &str) -> Result<(usize, usize, Vec<u16>)> {
+    match decode(bytes, name)? {
         DynamicImage::ImageLuma16(image) => Ok((
             image.width() as usize,
             image.height() as usize,
             image.into_raw(),
         )),
-        other => Err(wrong_type(path, &other, "16-bit grey")),
+        other => Err(wrong_type(name, &other, "16-bit grey")),
     }
 }
 
@@ -48,13 +115,21 @@ pub fn read_gray16(path: &Path) -> Result<(usize, usize, Vec<u16>)> {
 /// # Errors
 /// The file cannot be read, is truncated, no image, or of another pixel type.
 pub fn read_gray8(path: &Path) -> Result<(usize, usize, Vec<u8>)> {
-    match decode(&files::read(path)?, &path.display().to_string())? {
+    decode_gray8(&files::read(path)?, &path.display().to_string())
+}
+
+/// Decodes the bytes of a single-channel 8-bit PNG; `name` is used in messages.
+///
+/// # Errors
+/// The bytes are truncated, no image, or of another pixel type.
+pub fn decode_gray8(bytes: &[u8], name: &str) -> Result<(usize, usize, Vec<u8>)> {
+    match decode(bytes, name)? {
         DynamicImage::ImageLuma8(image) => Ok((
             image.width() as usize,
             image.height() as usize,
             image.into_raw(),
         )),
-        other => Err(wrong_type(path, &other, "8-bit grey")),
+        other => Err(wrong_type(name, &other, "8-bit grey")),
     }
 }
 
@@ -73,7 +148,28 @@ pub fn read_size(path: &Path) -> Result<(u32, u32)> {
         })
 }
 
-/// PNG bytes of an RGB image, compressed fast rather than small.
+/// Width and height of a PNG or JPEG from its bytes; `name` is used in messages.
+///
+/// # Errors
+/// They do not begin like an image.
+pub fn decode_size(bytes: &[u8], name: &str) -> Result<(u32, u32)> {
+    let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
+    reader
+        .map_err(image::ImageError::IoError)
+        .and_then(image::ImageReader::into_dimensions)
+        .map_err(|error| Error::Image {
+            path: name.to_owned(),
+            problem: format!("its size cannot be read ({error})"),
+        })
+}
+
+/// PNG bytes of an RGB image, compressed fast: the run-length Huffman coding of `fdeflate` over rows
+/// that each choose their filter.
+///
+/// On ten frames of KITTI at 512x256 this takes 1.0 ms and 258 kB an image; deflate at level 1 takes
+/// 3.4 ms and 256 kB, at level 6 18 ms and 259 kB, and OpenCV 5.0 with its own settings 4.8 ms and
+/// 269 kB. A fixed filter for all rows is up to 12 % larger and not faster. The bytes are the same on
+/// every machine.
 pub fn encode_png_rgb(image: &RgbImage) -> Vec<u8> {
     encode_png(
         image.as_raw(),
@@ -104,20 +200,24 @@ pub fn encode_png_gray16(width: u32, height: u32, values: &[u16]) -> Vec<u8> {
     encode_png(&bytes, width, height, ExtendedColorType::L16)
 }
 
-/// JPEG bytes of an RGB image; `quality` from 1 to 100.
+/// JPEG bytes of an RGB image with 4:2:0 colour; `quality` from 1 to 100 on libjpeg's scale.
 ///
 /// # Panics
 /// If a side is longer than JPEG allows (65,535 pixels).
 pub fn encode_jpeg_rgb(image: &RgbImage, quality: u8) -> Vec<u8> {
+    const FITS: &str = "an RGB image within JPEG's size limits can be encoded into memory";
+    let side = |pixels: u32| u16::try_from(pixels).expect(FITS);
     let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, quality)
-        .write_image(
+    let mut encoder = Encoder::new(&mut bytes, quality);
+    encoder.set_sampling_factor(SamplingFactor::R_4_2_0);
+    encoder
+        .encode(
             image.as_raw(),
-            image.width(),
-            image.height(),
-            ExtendedColorType::Rgb8,
+            side(image.width()),
+            side(image.height()),
+            ColorType::Rgb,
         )
-        .expect("an RGB image within JPEG's size limits can be encoded into memory");
+        .expect(FITS);
     bytes
 }
 
@@ -180,9 +280,9 @@ fn jpeg_is_whole(bytes: &[u8]) -> bool {
     }
 }
 
-fn wrong_type(path: &Path, image: &DynamicImage, expected: &str) -> Error {
+fn wrong_type(name: &str, image: &DynamicImage, expected: &str) -> Error {
     Error::Image {
-        path: path.display().to_string(),
+        path: name.to_owned(),
         problem: format!(
             "it should be a {expected} PNG, but its pixels are {:?}",
             image.color()
@@ -237,6 +337,31 @@ mod tests {
             .map(|(a, b)| a.abs_diff(*b))
             .max();
         assert!(worst.unwrap() <= 12, "{worst:?}");
+    }
+
+    #[test]
+    fn jpeg_is_stored_with_colour_at_half_size() {
+        let bytes = encode_jpeg_rgb(&picture(), 92);
+        // Baseline frame header: length, 8 bits, height, width, three components of which the
+        // first is sampled 2x2 and the others 1x1 (ITU-T T.81, B.2.2).
+        let frame = [0xff, 0xc0, 0, 17, 8, 0, 37, 0, 61, 3];
+        let at = bytes.windows(10).position(|w| w == frame).unwrap() + 10;
+        let sampling = [1, 4, 7].map(|offset| bytes[at + offset]);
+        assert_eq!(sampling, [0x22, 0x11, 0x11]);
+        assert_eq!(decode_size(&bytes, "x").unwrap(), (61, 37));
+        assert!(bytes.len() > encode_jpeg_rgb(&picture(), 50).len());
+    }
+
+    #[test]
+    fn codecs_have_names() {
+        for codec in [Codec::Png, Codec::Jpeg(92), Codec::Jpeg(1)] {
+            assert_eq!(codec.to_string().parse(), Ok(codec));
+            let back = decode_rgb(&codec.encode(&picture()), "x").unwrap();
+            assert_eq!(back.dimensions(), (61, 37));
+        }
+        for wrong in ["jpeg", "jpeg-0", "jpeg-101", "PNG", ""] {
+            assert!(wrong.parse::<Codec>().is_err(), "{wrong}");
+        }
     }
 
     #[test]

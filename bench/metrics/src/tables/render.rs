@@ -260,6 +260,7 @@ fn latex(text: &str) -> String {
             '|' => escaped.push_str("\\textbar{}"),
             '†' => escaped.push_str("$\\dagger$"),
             'δ' => escaped.push_str("$\\delta$"),
+            '±' => escaped.push_str("$\\pm$"),
             '²' => escaped.push_str("$^2$"),
             '³' => escaped.push_str("$^3$"),
             '&' | '%' | '$' | '#' | '_' | '{' | '}' => escaped.extend(['\\', letter]),

@@ -1,0 +1,26 @@
+//! `bench devices`.
+
+use anyhow::Context as _;
+use clap::Args;
+
+use super::{DONE, print};
+use crate::devices::Report;
+
+#[derive(Debug, Args)]
+pub(super) struct DevicesArgs {
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &DevicesArgs) -> anyhow::Result<u8> {
+    let report = Report::collect();
+    let text = if args.json {
+        serde_json::to_string_pretty(&report).context("the report cannot be written as JSON")?
+            + "\n"
+    } else {
+        report.text()
+    };
+    print(&text)?;
+    Ok(DONE)
+}

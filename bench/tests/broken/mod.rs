@@ -1,0 +1,140 @@
+//! Networks that load well and go wrong later, and the command that is asked about them.
+
+use std::path::Path;
+
+use prost::Message as _;
+use strat_onnx::{
+    metadata::ModelMetadata,
+    proto::{AttributeProto, ModelProto, NodeProto, TensorProto, attribute_type, data_type},
+};
+
+/// How the network of [`crate::support::network`] is spoilt.
+#[derive(Clone, Copy, Debug)]
+pub enum Fault {
+    /// Every prediction gets the mean over the batch added: right for single images only.
+    MixesBatch,
+    /// The output is pressed into a shape, which is known to be impossible only when it runs.
+    Reshape([i64; 4]),
+}
+
+/// Puts a faulty layer behind a network's output.
+pub fn spoil(bytes: &[u8], fault: Fault) -> Vec<u8> {
+    let mut model = ModelProto::decode(bytes).unwrap();
+    let graph = model.graph.as_mut().unwrap();
+    for node in &mut graph.node {
+        for output in &mut node.output {
+            if output == "disparity" {
+                "sound".clone_into(output);
+            }
+        }
+    }
+    let node =
+        |op: &str, inputs: &[&str], output: &str, attribute: Vec<AttributeProto>| NodeProto {
+            input: inputs.iter().map(ToString::to_string).collect(),
+            output: vec![output.to_owned()],
+            name: Some(format!("{output}_{op}")),
+            op_type: Some(op.to_owned()),
+            attribute,
+            ..NodeProto::default()
+        };
+    match fault {
+        Fault::MixesBatch => {
+            let axes = AttributeProto {
+                name: Some("axes".to_owned()),
+                ints: vec![0],
+                r#type: Some(attribute_type::INTS),
+                ..AttributeProto::default()
+            };
+            let mean = node("ReduceMean", &["sound"], "mean", vec![axes]);
+            graph.node.push(mean);
+            let sum = node("Add", &["sound", "mean"], "disparity", Vec::new());
+            graph.node.push(sum);
+        }
+        Fault::Reshape(shape) => {
+            graph.initializer.push(TensorProto {
+                dims: vec![4],
+                data_type: Some(data_type::INT64),
+                int64_data: shape.to_vec(),
+                name: Some("shape".to_owned()),
+                ..TensorProto::default()
+            });
+            let reshape = node("Reshape", &["sound", "shape"], "disparity", Vec::new());
+            graph.node.push(reshape);
+            for output in &mut graph.output {
+                output.r#type.as_mut().unwrap().value = None;
+            }
+        }
+    }
+    model.encode_to_vec()
+}
+
+/// Fixes the first dimension of the input and the output at 1.
+pub fn fix_batch(bytes: &[u8]) -> Vec<u8> {
+    use strat_onnx::proto::{dimension, type_proto};
+    let mut model = ModelProto::decode(bytes).unwrap();
+    let graph = model.graph.as_mut().unwrap();
+    for info in graph.input.iter_mut().chain(&mut graph.output) {
+        let Some(type_proto::Value::TensorType(tensor)) =
+            info.r#type.as_mut().and_then(|kind| kind.value.as_mut())
+        else {
+            panic!("not a tensor");
+        };
+        let shape = tensor.shape.as_mut().unwrap();
+        shape.dim[0].value = Some(dimension::Value::DimValue(1));
+    }
+    model.encode_to_vec()
+}
+
+/// Writes a spoilt network, with metadata and without a probe.
+pub fn write_spoilt(folder: &Path, name: &str, metadata: &ModelMetadata, fault: Fault) -> String {
+    let plain = crate::support::network(0.04, 0.1, Some(metadata));
+    let path = folder.join(format!("{name}.onnx"));
+    std::fs::write(&path, spoil(&plain, fault)).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+/// What a command said.
+pub struct Ran {
+    pub code: i32,
+    pub out: String,
+    pub err: String,
+}
+
+impl Ran {
+    #[track_caller]
+    pub fn code(&self, code: i32) -> &Self {
+        assert_eq!(
+            self.code, code,
+            "stdout:\n{}\nstderr:\n{}",
+            self.out, self.err
+        );
+        assert!(!self.err.contains("panicked"), "{}", self.err);
+        self
+    }
+
+    #[track_caller]
+    pub fn says(&self, text: &str) -> &Self {
+        assert!(self.err.contains(text), "no {text:?} in:\n{}", self.err);
+        self
+    }
+}
+
+/// Runs `bench` with the given arguments.
+pub fn bench(arguments: &[&str]) -> Ran {
+    bench_with(arguments, &[])
+}
+
+/// Runs `bench` with further environment variables.
+pub fn bench_with(arguments: &[&str], environment: &[(&str, &str)]) -> Ran {
+    let output = assert_cmd::Command::cargo_bin("bench")
+        .unwrap()
+        .args(arguments)
+        .envs(environment.iter().copied())
+        .output()
+        .unwrap();
+    Ran {
+        code: output.status.code().unwrap_or(-1),
+        out: String::from_utf8(output.stdout).unwrap(),
+        err: String::from_utf8(output.stderr).unwrap(),
+    }
+}

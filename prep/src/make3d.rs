@@ -1,0 +1,253 @@
+//! Make3D's test images as a prepared set (PROTOCOL 1.4).
+//!
+//! The pictures stand upright, 2272 rows of 1704 pixels; the usual crop to 2:1 keeps rows 710 to
+//! 1561 and, of the laser grid of 55 x 305, rows 17 to 37 with all columns. Focal length and
+//! baseline are not known, so these images test a model and cannot train one.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use strat_splits::Role;
+use strat_store::exr::DepthHeader;
+use strat_store::files;
+use strat_store::raster::Plane;
+use strat_store::set::{Content, Sample};
+
+use crate::build::Failure;
+use crate::cli::tell;
+use crate::error::{Error, Result};
+use crate::mat::{self, Matrix};
+use crate::workshop::{self, Frame, Options, Piece, Stop, Workshop};
+
+/// Width and height in pixels of the test images.
+pub const IMAGE: (u32, u32) = (1704, 2272);
+/// Image rows kept.
+pub const IMAGE_ROWS: Range<u32> = 710..1562;
+/// Rows, columns and channels of a laser grid; the fourth channel is depth in metres.
+pub const GRID: [usize; 3] = [55, 305, 4];
+/// Grid rows kept.
+pub const GRID_ROWS: Range<usize> = 17..38;
+/// Images of the published test set.
+pub const TEST_IMAGES: u64 = 134;
+
+const VARIABLE: &str = "Position3DGrid";
+
+/// Arguments of `prep make3d`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Example:
+  prep make3d --images Test134 --depth Gridlaserdata --out sets/make3d")]
+pub(crate) struct Args {
+    /// Folder of the test images, `img-*.jpg`.
+    #[arg(long, value_name = "DIR")]
+    images: PathBuf,
+    /// Folder of their laser grids, `depth_sph_corr-*.mat`.
+    #[arg(long, value_name = "DIR")]
+    depth: PathBuf,
+    #[command(flatten)]
+    options: Options,
+}
+
+/// Prepares the set and returns the exit code.
+pub(crate) fn run(args: &Args) -> Result<u8> {
+    let images = stems("--images", &args.images, "img-", ".jpg")?;
+    let grids = stems("--depth", &args.depth, "depth_sph_corr-", ".mat")?;
+    let mut failures = Vec::new();
+    let mut frames = Vec::new();
+    let all: BTreeSet<_> = images.keys().chain(grids.keys()).collect();
+    for stem in all {
+        let id = format!("make3d/{stem}");
+        match (images.get(stem), grids.get(stem)) {
+            (Some(image), Some(grid)) => frames.push(Frame {
+                role: Role::Test,
+                id,
+                input: (image.clone(), grid.clone()),
+            }),
+            (Some(image), None) => failures.push(Failure {
+                role: Some(Role::Test),
+                id,
+                file: image.display().to_string(),
+                problem: format!(
+                    "{} has no laser grid depth_sph_corr-{stem}.mat in {}",
+                    image.display(),
+                    args.depth.display()
+                ),
+            }),
+            // The archive of grids holds those of other pictures too.
+            _ => {}
+        }
+    }
+    if frames.is_empty() {
+        return Err(Error::Incomplete(format!(
+            "no image img-<name>.jpg in {} has its grid depth_sph_corr-<name>.mat in {}; nothing was written",
+            args.images.display(),
+            args.depth.display()
+        )));
+    }
+    let report = workshop::build(
+        Content::Make3d,
+        &args.options,
+        &[&args.images, &args.depth],
+        BTreeMap::from([(Role::Test, TEST_IMAGES)]),
+        &frames,
+        failures,
+        make,
+    )?;
+    let code = workshop::conclude(&report);
+    if !report.set.manifest.is_complete(Role::Test) {
+        tell(format_args!(
+            "the published test set has {TEST_IMAGES} images; numbers from fewer are not comparable with it"
+        ));
+    }
+    Ok(code)
+}
+
+/// The files `<before><stem><after>` of a folder, by stem.
+fn stems(
+    option: &'static str,
+    folder: &Path,
+    before: &str,
+    after: &str,
+) -> Result<BTreeMap<String, PathBuf>> {
+    let wrong = |problem: String| Error::Input {
+        option,
+        path: folder.to_owned(),
+        problem,
+    };
+    let entries =
+        std::fs::read_dir(folder).map_err(|e| wrong(format!("cannot read this folder: {e}")))?;
+    let mut found = BTreeMap::new();
+    for entry in entries {
+        let entry = entry.map_err(|e| wrong(format!("cannot read this folder: {e}")))?;
+        let name = entry.file_name();
+        let stem = name
+            .to_str()
+            .and_then(|name| name.strip_prefix(before)?.strip_suffix(after));
+        if let Some(stem) = stem.filter(|stem| workshop::check_id(stem).is_ok()) {
+            found.insert(stem.to_owned(), entry.path());
+        }
+    }
+    if found.is_empty() {
+        return Err(wrong(format!(
+            "no files `{before}*{after}` are in this folder; give the one into which Make3D's archive was unpacked"
+        )));
+    }
+    Ok(found)
+}
+
+fn make(workshop: &Workshop<'_>, frame: &Frame<(PathBuf, PathBuf)>) -> Piece<Sample> {
+    let (image, grid) = &frame.input;
+    let picture = workshop.picture("left", &frame.id, image, Some(rows), true)?;
+    let path = format!("depth/laser/{}.exr", frame.id);
+    let depth = match workshop.kept(&path, workshop::changed(grid))? {
+        Some(kept) => kept,
+        None => {
+            let bytes = files::read(grid).map_err(|e| Stop::input(grid, e))?;
+            let depth_m = mat::read(&bytes, VARIABLE)
+                .and_then(|grid| depth(&grid))
+                .map_err(|problem| Stop::about(grid, problem))?;
+            let header = DepthHeader {
+                source: "make3d/Gridlaserdata".to_owned(),
+                axis: "laser".to_owned(),
+                focal_px: 0.0,
+                baseline_m: 0.0,
+                frame: frame.id.clone(),
+            };
+            workshop.put_depth(path, &depth_m, &header)?
+        }
+    };
+    Ok(Sample {
+        left_full: picture.full,
+        depth_laser: Some(depth),
+        ..Sample::new(&frame.id, picture.size, 0.0, 0.0, picture.small)
+    })
+}
+
+fn rows((width, height): (u32, u32)) -> std::result::Result<Range<u32>, String> {
+    if (width, height) == IMAGE {
+        return Ok(IMAGE_ROWS);
+    }
+    let (w, h) = IMAGE;
+    Err(format!(
+        "it is {width}x{height}, but the test images of Make3D are {w}x{h}"
+    ))
+}
+
+/// The kept rows of the depth channel, 305 x 21 metres; 0 where nothing was measured.
+///
+/// # Errors
+/// The grid has another shape or no depth.
+pub fn depth(grid: &Matrix) -> std::result::Result<Plane, String> {
+    if grid.dims != GRID {
+        return Err(format!(
+            "its {VARIABLE} has the shape {:?}, which should be {GRID:?}",
+            grid.dims
+        ));
+    }
+    let [rows, columns, _] = GRID;
+    let at = |row, column| grid.values[row + rows * column + 3 * rows * columns];
+    let data: Vec<f32> = GRID_ROWS
+        .flat_map(|row| (0..columns).map(move |column| (row, column)))
+        .map(|(row, column)| workshop::measured(at(row, column)))
+        .collect();
+    if data.iter().all(|depth_m| *depth_m == 0.0) {
+        return Err("no pixel of the grid was measured".to_owned());
+    }
+    Ok(Plane {
+        width: columns,
+        height: GRID_ROWS.len(),
+        data,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fourth_channel_is_cut_to_its_middle_rows() {
+        let [rows, columns, channels] = GRID;
+        let mut values = vec![0.0; rows * columns * channels];
+        for row in 0..rows {
+            for column in 0..columns {
+                values[row + rows * column + 3 * rows * columns] =
+                    row as f64 * 1000.0 + column as f64;
+                values[row + rows * column + 2 * rows * columns] = 7.0;
+            }
+        }
+        let grid = Matrix {
+            dims: GRID.to_vec(),
+            values,
+        };
+        let plane = depth(&grid).unwrap();
+        assert_eq!((plane.width, plane.height), (305, 21));
+        assert_eq!(plane.row(0)[..2], [17_000.0, 17_001.0]);
+        assert_eq!(plane.row(20)[304], 37_304.0);
+    }
+
+    #[test]
+    fn other_grids_are_refused() {
+        let grid = |dims: Vec<usize>| Matrix {
+            values: vec![0.0; dims.iter().product()],
+            dims,
+        };
+        assert!(
+            depth(&grid(vec![305, 55, 4]))
+                .unwrap_err()
+                .contains("[305, 55, 4]")
+        );
+        assert!(
+            depth(&grid(GRID.to_vec()))
+                .unwrap_err()
+                .contains("no pixel")
+        );
+    }
+
+    #[test]
+    fn the_crop_is_two_to_one() {
+        assert_eq!(IMAGE_ROWS.len() * 2, IMAGE.0 as usize);
+        assert_eq!(rows(IMAGE), Ok(IMAGE_ROWS));
+        assert!(rows((2272, 1704)).unwrap_err().contains("2272x1704"));
+    }
+}

@@ -1,0 +1,380 @@
+//! Preparing a set in parts on several machines, and making one set of the parts.
+//!
+//! Every run gets the same inputs, options and output folder and a [`Shard`]. A sample belongs to
+//! a shard by the hash of its name alone, so the division is the same everywhere and stays the
+//! same while inputs are still arriving. Image and depth files go straight to their final places;
+//! of its tables a shard writes a part of its own, `parts/0003-of-0008/`, whose manifest comes
+//! last and marks the part as complete. [`merge`] checks that all parts are there and of one
+//! kind, and writes the tables of the whole, byte for byte those of a single run.
+//!
+//! Nothing here starts processes on other machines: that is the work of Slurm or any other queue.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use strat_splits::{Role, Split, test_ids, training, validation};
+use strat_store::set::{Manifest, PreparedSet, Sample};
+use strat_store::{files, yaml};
+
+use crate::build::{FAILURES, Failure, Results, SETTINGS, Settings};
+use crate::error::{Error, Result};
+
+/// Folder of the parts within the output folder; merging removes it.
+pub const PARTS: &str = "parts";
+
+/// Most parts a set can be divided into.
+const MOST: u32 = 9999;
+
+/// One of several parts of a set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Shard {
+    /// Its number, from 0.
+    pub index: u32,
+    /// How many there are.
+    pub count: u32,
+}
+
+impl Shard {
+    /// Whether a sample belongs to it: the first eight bytes of the BLAKE3 of the name, as a
+    /// little-endian number, modulo the number of parts.
+    pub fn has(self, id: &str) -> bool {
+        let hash = blake3::hash(id.as_bytes());
+        let mut first = [0; 8];
+        first.copy_from_slice(&hash.as_bytes()[..8]);
+        u64::from_le_bytes(first) % u64::from(self.count) == u64::from(self.index)
+    }
+
+    fn folder(self, out: &Path) -> PathBuf {
+        let Self { index, count } = self;
+        out.join(PARTS).join(format!("{index:04}-of-{count:04}"))
+    }
+}
+
+impl fmt::Display for Shard {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.index, self.count)
+    }
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let number = |text: &str| text.parse::<u32>().ok();
+        let parsed = text
+            .split_once('/')
+            .and_then(|(index, count)| Some((number(index)?, number(count)?)));
+        match parsed {
+            Some((index, count)) if index < count && count <= MOST => Ok(Self { index, count }),
+            Some((index, count)) if index == count => Err(format!(
+                "parts are numbered from 0, so the last of {count} is {}/{count}",
+                count.saturating_sub(1)
+            )),
+            _ => Err(format!(
+                "give the number of the part and how many there are, e.g. 0/8 to 7/8 (at most {MOST})"
+            )),
+        }
+    }
+}
+
+/// Writes the tables of one part; the returned set is that part.
+pub(crate) fn write_part(
+    out: &Path,
+    settings: &Settings,
+    shard: Shard,
+    results: &Results,
+) -> Result<PreparedSet> {
+    let folder = shard.folder(out);
+    // An earlier manifest would call a half-written part complete.
+    remove(&folder)?;
+    files::check_writable(&folder)?;
+    results.write(&folder, settings)
+}
+
+/// Makes one set of the parts in `out` and removes them. Returns the set and what could not be
+/// used in any part.
+///
+/// # Errors
+/// There are no parts, some are missing or incomplete (they are named, with what to run again),
+/// they do not belong together, or the tables cannot be written.
+pub fn merge(out: &Path) -> Result<(PreparedSet, Vec<Failure>)> {
+    let wrong = |problem: String| Error::Output {
+        path: out.to_owned(),
+        problem,
+    };
+    if !out.join(SETTINGS).is_file() {
+        return Err(wrong(format!(
+            "it has no {SETTINGS}, so no `prep ... --shard` has written here; give the folder those runs had \
+             as --out"
+        )));
+    }
+    let settings: Settings = yaml::load(&out.join(SETTINGS))?;
+    let shards = shards_in(out).map_err(&wrong)?;
+    let Some(count) = shards.first().map(|shard| shard.count) else {
+        return Err(wrong(if PreparedSet::open(out).is_ok() {
+            "it has no parts and is a finished set: nothing is left to merge".to_owned()
+        } else {
+            "it has no parts; run `prep ... --shard 0/N` to N-1/N first".to_owned()
+        }));
+    };
+    if let Some(other) = shards.iter().find(|shard| shard.count != count) {
+        return Err(wrong(format!(
+            "it has parts of {count} and parts of {}; remove the folders of the division that is not meant \
+             from {PARTS}/",
+            other.count
+        )));
+    }
+    let (parts, lacking) = open_parts(out, count);
+    if !lacking.is_empty() {
+        let list: Vec<_> = lacking.iter().map(ToString::to_string).collect();
+        return Err(Error::Incomplete(format!(
+            "{} of {count} parts of {} are missing or incomplete, so nothing was merged: {}. Run them again \
+             with the same options: --shard {}; in a Slurm array: SHARDS={count} sbatch --array={}",
+            lacking.len(),
+            out.display(),
+            list.join(", "),
+            list.join(", --shard "),
+            lacking
+                .iter()
+                .map(|shard| shard.index.to_string())
+                .collect::<Vec<_>>()
+                .join(",")
+        )));
+    }
+    let results = gather(&parts, &settings).map_err(&wrong)?;
+    let set = results.write(out, &settings)?;
+    remove(&out.join(PARTS))?;
+    Ok((set, results.failures))
+}
+
+fn remove(folder: &Path) -> Result<()> {
+    match std::fs::remove_dir_all(folder) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::Output {
+            path: folder.to_owned(),
+            problem: format!("this folder of an earlier run cannot be removed: {e}"),
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// The parts by the names of their folders, complete or not, sorted.
+fn shards_in(out: &Path) -> std::result::Result<Vec<Shard>, String> {
+    let folder = out.join(PARTS);
+    let entries = match std::fs::read_dir(&folder) {
+        Ok(entries) => entries,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(e) => return Err(format!("its {PARTS}/ cannot be read: {e}")),
+    };
+    let mut shards = Vec::new();
+    for entry in entries {
+        let name = entry.map_err(|e| format!("its {PARTS}/ cannot be read: {e}"))?;
+        let name = name.file_name();
+        let shard: Option<Shard> = name.to_str().and_then(|name| {
+            let (index, count) = name.split_once("-of-")?;
+            format!(
+                "{}/{}",
+                index.parse::<u32>().ok()?,
+                count.parse::<u32>().ok()?
+            )
+            .parse()
+            .ok()
+        });
+        shards.extend(shard);
+    }
+    shards.sort_unstable();
+    Ok(shards)
+}
+
+/// All complete parts and the shards whose part is not.
+fn open_parts(out: &Path, count: u32) -> (Vec<(Shard, PreparedSet)>, Vec<Shard>) {
+    let (mut parts, mut lacking) = (Vec::new(), Vec::new());
+    for index in 0..count {
+        let shard = Shard { index, count };
+        match PreparedSet::open(&shard.folder(out)) {
+            Ok(part) => parts.push((shard, part)),
+            Err(_) => lacking.push(shard),
+        }
+    }
+    (parts, lacking)
+}
+
+/// The contents of all parts in the order of the split.
+fn gather(
+    parts: &[(Shard, PreparedSet)],
+    settings: &Settings,
+) -> std::result::Result<Results, String> {
+    let places = places(settings.split);
+    let mut results = Results {
+        expected: BTreeMap::new(),
+        samples: BTreeMap::new(),
+        failures: Vec::new(),
+    };
+    for (shard, part) in parts {
+        let expected = belongs(*shard, &part.manifest, settings)?;
+        if *shard == parts[0].0 {
+            results.expected = expected;
+        } else if results.expected != expected {
+            return Err(format!(
+                "part {shard} expects other numbers of samples than the first"
+            ));
+        }
+        for role in Role::ALL {
+            let samples = part.samples(role).map_err(|e| e.to_string())?;
+            for sample in samples {
+                if !shard.has(&sample.id) || !places.contains_key(&(role, sample.id.clone())) {
+                    return Err(format!(
+                        "part {shard} holds {role} sample {}, which does not belong to it",
+                        sample.id
+                    ));
+                }
+                results.samples.entry(role).or_default().push(sample);
+            }
+        }
+        results.failures.extend(failures_of(part)?);
+    }
+    let place = |role: Role, id: &str| places.get(&(role, id.to_owned())).copied();
+    for (role, samples) in &mut results.samples {
+        samples.sort_by_key(|sample: &Sample| place(*role, &sample.id));
+    }
+    // Archives and folders belong to no sample and come last, as in a single run.
+    results.failures.sort_by_key(|failure| {
+        failure
+            .role
+            .and_then(|role| place(role, &failure.id))
+            .map_or((1, 0), |place| (0, place))
+    });
+    Ok(results)
+}
+
+/// Position of every sample in the order in which a single run goes through the split.
+fn places(split: Split) -> HashMap<(Role, String), usize> {
+    let train = training(split)
+        .into_iter()
+        .map(|f| (Role::Train, f.to_string()));
+    let val = validation(split)
+        .into_iter()
+        .map(|f| (Role::Val, f.to_string()));
+    let test = test_ids(split).into_iter().map(|id| (Role::Test, id));
+    let all = train.chain(val).chain(test);
+    all.enumerate().map(|(place, name)| (name, place)).collect()
+}
+
+/// Checks that a part was made with `settings` by this version; the samples it expects per role.
+fn belongs(
+    shard: Shard,
+    manifest: &Manifest,
+    settings: &Settings,
+) -> std::result::Result<BTreeMap<Role, u64>, String> {
+    let wanted = (
+        Some(settings.split),
+        Some(strat_splits::digest(settings.split)),
+        settings.source.as_str(),
+        (settings.image_width, settings.image_height),
+        settings.kernel,
+        settings.codec.to_string(),
+    );
+    let found = (
+        manifest.content.split(),
+        manifest.split_digest.clone(),
+        manifest.source.as_str(),
+        (manifest.image_width, manifest.image_height),
+        manifest.kernel,
+        manifest.codec.clone(),
+    );
+    if wanted != found {
+        return Err(format!(
+            "part {shard} was made with other options than {SETTINGS} states"
+        ));
+    }
+    if manifest.tool_version != env!("CARGO_PKG_VERSION") {
+        return Err(format!(
+            "part {shard} was made by version {} of prep and this is {}; make it again",
+            manifest.tool_version,
+            env!("CARGO_PKG_VERSION")
+        ));
+    }
+    let counts = manifest.counts.iter();
+    Ok(counts
+        .map(|(role, count)| (*role, count.expected))
+        .collect())
+}
+
+fn failures_of(part: &PreparedSet) -> std::result::Result<Vec<Failure>, String> {
+    let path = part.root.join(FAILURES);
+    if !path.is_file() {
+        return Ok(Vec::new());
+    }
+    let damaged = |e: csv::Error| format!("{} is damaged: {e}", path.display());
+    let mut reader = csv::Reader::from_path(&path).map_err(damaged)?;
+    let failures: std::result::Result<Vec<Failure>, _> = reader.deserialize().collect();
+    failures.map_err(damaged)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_sample_belongs_to_exactly_one_part() {
+        for count in [1, 2, 7, 64] {
+            let mut sizes = vec![0_u32; count as usize];
+            for frame in training(Split::Eigen).iter().take(2000) {
+                let id = frame.to_string();
+                let has = |index: &u32| {
+                    Shard {
+                        index: *index,
+                        count,
+                    }
+                    .has(&id)
+                };
+                let owners: Vec<_> = (0..count).filter(has).collect();
+                assert_eq!(owners.len(), 1, "{id} of {count}");
+                sizes[owners[0] as usize] += 1;
+            }
+            let fair = 2000 / count;
+            assert!(
+                sizes
+                    .iter()
+                    .all(|size| (fair / 3..=fair * 3).contains(size)),
+                "{sizes:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_division_never_changes() {
+        // Samples of a half-prepared set would change hands if this did.
+        let shards: Vec<_> = ["kitti2015/000006", "2011_09_26_drive_0001/0000000005"]
+            .iter()
+            .map(|id| {
+                (0..8)
+                    .find(|index| {
+                        Shard {
+                            index: *index,
+                            count: 8,
+                        }
+                        .has(id)
+                    })
+                    .unwrap()
+            })
+            .collect();
+        assert_eq!(shards, [GOLDEN.0, GOLDEN.1]);
+    }
+
+    // python3 -c "import blake3; print([int.from_bytes(blake3.blake3(i.encode()).digest()[:8],
+    // 'little') % 8 for i in ['kitti2015/000006', '2011_09_26_drive_0001/0000000005']])"
+    const GOLDEN: (u32, u32) = (1, 5);
+
+    #[test]
+    fn shards_are_read_and_refused_in_words() {
+        assert_eq!("0/8".parse(), Ok(Shard { index: 0, count: 8 }));
+        assert_eq!("7/8".parse::<Shard>().unwrap().to_string(), "7/8");
+        let refused = |text: &str| text.parse::<Shard>().unwrap_err();
+        assert!(refused("8/8").contains("the last of 8 is 7/8"));
+        for text in ["", "3", "a/b", "-1/8", "9/8", "0/0", "1/100000"] {
+            assert!(!refused(text).is_empty(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,648 @@
+//! A user's own rectified stereo pairs as a prepared set.
+//!
+//! One CSV file names them: `left`, `right`, `focal_px` (pixels of the left image) and `baseline_m`
+//! (metres) are required; `id`, `split` and one of `depth` and `disparity` with `depth_scale` are
+//! optional. Ground truth may be a 16-bit PNG, `.npy` or `.exr`; it becomes depth in metres along
+//! the optical axis at the image's own size. Pairs that are not rectified are not recognised.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Component, Path, PathBuf};
+
+use strat_geometry::depth_from_disparity_px;
+use strat_splits::Role;
+use strat_store::exr::{self, DepthHeader};
+use strat_store::raster::Plane;
+use strat_store::set::{Content, FileRef, Sample};
+use strat_store::{files, image_files};
+
+use crate::build::Failure;
+use crate::error::{Error, Result};
+use crate::npy;
+use crate::workshop::{self, Frame, Options, Piece, Stop, Workshop};
+
+const REQUIRED: [&str; 4] = ["left", "right", "focal_px", "baseline_m"];
+const OPTIONAL: [&str; 5] = ["id", "split", "depth", "disparity", "depth_scale"];
+
+/// Values of 16-bit PNG per metre or pixel, as KITTI stores them.
+const PNG_SCALE: f64 = 256.0;
+
+/// Arguments of `prep pairs`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Columns of the CSV, which begins with their names; files are looked for from its folder:
+  left, right    rectified images, PNG or JPEG
+  focal_px       focal length in pixels of the left image
+  baseline_m     distance in metres between the cameras
+  id             name of the pair [default: the path of the left image without its ending]
+  split          train, val or test [default: drawn by --val-share and --test-share]
+  depth          ground truth in metres: 16-bit .png (metres times 256), .npy or .exr
+  disparity      ground truth in pixels of the left image instead, in the same kinds of files
+  depth_scale    what the values of that file are divided by [default: 256 for .png, else 1]
+
+Which pairs are drawn depends on their ids alone, so more rows move none of the earlier ones.
+Frames of one video look alike: give them one role with the column split.
+
+Example:
+  prep pairs --csv pairs.csv --out sets/own")]
+pub(crate) struct Args {
+    /// The list of pairs.
+    #[arg(long, value_name = "FILE")]
+    csv: PathBuf,
+    /// Share of the pairs drawn for validation, if there is no column `split`.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = parse_share)]
+    val_share: f64,
+    /// Share of the pairs drawn for testing, if there is no column `split`.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = parse_share)]
+    test_share: f64,
+    #[command(flatten)]
+    options: Options,
+}
+
+fn parse_share(text: &str) -> std::result::Result<f64, String> {
+    let share = text
+        .parse()
+        .ok()
+        .filter(|share| (0.0..=1.0).contains(share));
+    share.ok_or_else(|| "give a share from 0 to 1".to_owned())
+}
+
+/// Prepares the set and returns the exit code.
+pub(crate) fn run(args: &Args) -> Result<u8> {
+    let wrong = |problem: String| Error::Input {
+        option: "--csv",
+        path: args.csv.clone(),
+        problem,
+    };
+    let shares = Shares {
+        val: args.val_share,
+        test: args.test_share,
+    };
+    if shares.val + shares.test > 1.0 {
+        return Err(Error::Usage(
+            "--val-share and --test-share are more than 1 together".to_owned(),
+        ));
+    }
+    let bytes = files::read(&args.csv).map_err(|e| wrong(e.to_string()))?;
+    let table = parse(&bytes, shares).map_err(wrong)?;
+    let folder = args.csv.parent().unwrap_or(Path::new(""));
+
+    let mut expected = BTreeMap::new();
+    let roles = table.rows.iter().map(|row| Some(row.role));
+    for role in roles.chain(table.bad.iter().map(|bad| bad.role)).flatten() {
+        *expected.entry(role).or_default() += 1;
+    }
+    let failures: Vec<_> = table
+        .bad
+        .into_iter()
+        .map(|bad| Failure {
+            role: bad.role,
+            id: bad.id,
+            file: args.csv.display().to_string(),
+            problem: format!("{}, line {}: {}", args.csv.display(), bad.line, bad.problem),
+        })
+        .collect();
+    if table.rows.is_empty() {
+        return Err(wrong(match failures.first() {
+            Some(first) => format!("no row can be used; the first: {}", first.problem),
+            None => "it has no rows".to_owned(),
+        }));
+    }
+    let frames: Vec<_> = table
+        .rows
+        .into_iter()
+        .map(|row| Frame {
+            role: row.role,
+            id: row.id.clone(),
+            input: row,
+        })
+        .collect();
+    let report = workshop::build(
+        Content::Pairs,
+        &args.options,
+        &[],
+        expected,
+        &frames,
+        failures,
+        |workshop, frame| make(workshop, folder, &args.csv, frame),
+    )?;
+    Ok(workshop::conclude(&report))
+}
+
+/// How pairs are drawn.
+#[derive(Debug, Clone, Copy)]
+struct Shares {
+    val: f64,
+    test: f64,
+}
+
+impl Shares {
+    /// The first eight bytes of the id's BLAKE3, little-endian, as a fraction of 2^64: the lowest
+    /// are for testing, the next for validation, the rest for training.
+    fn role(self, id: &str) -> Role {
+        let hash = blake3::hash(id.as_bytes());
+        let [a, b, c, d, e, f, g, h, ..] = *hash.as_bytes();
+        let drawn = u64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64 / 2.0_f64.powi(64);
+        if drawn < self.test {
+            Role::Test
+        } else if drawn < self.test + self.val {
+            Role::Val
+        } else {
+            Role::Train
+        }
+    }
+}
+
+/// A usable row.
+#[derive(Debug, Clone, PartialEq)]
+struct Row {
+    id: String,
+    role: Role,
+    /// As written.
+    left: String,
+    /// As written.
+    right: String,
+    focal_px: f64,
+    baseline_m: f64,
+    truth: Option<Truth>,
+}
+
+/// Ground truth of a row.
+#[derive(Debug, Clone, PartialEq)]
+struct Truth {
+    /// As written.
+    file: String,
+    is_disparity: bool,
+    scale: Option<f64>,
+}
+
+/// A row that cannot be used.
+#[derive(Debug, PartialEq)]
+struct BadRow {
+    line: u64,
+    /// As far as they are known.
+    id: String,
+    role: Option<Role>,
+    problem: String,
+}
+
+#[derive(Debug, Default)]
+struct Table {
+    rows: Vec<Row>,
+    bad: Vec<BadRow>,
+}
+
+/// Which column is where.
+struct Columns(BTreeMap<&'static str, usize>);
+
+impl Columns {
+    fn parse(header: &csv::ByteRecord) -> std::result::Result<Self, String> {
+        let mut columns = BTreeMap::new();
+        for (at, name) in header.iter().enumerate() {
+            let name = String::from_utf8_lossy(name);
+            let known = REQUIRED
+                .iter()
+                .chain(&OPTIONAL)
+                .find(|known| **known == name);
+            let Some(known) = known else {
+                return Err(format!(
+                    "line 1: there is no column `{name}`; the columns are {} and, if wanted, {}, separated \
+                     by commas",
+                    REQUIRED.join(", "),
+                    OPTIONAL.join(", ")
+                ));
+            };
+            if columns.insert(*known, at).is_some() {
+                return Err(format!("line 1: the column `{known}` is there twice"));
+            }
+        }
+        for name in REQUIRED {
+            if !columns.contains_key(name) {
+                return Err(format!(
+                    "line 1: the column `{name}` is missing; {} are required",
+                    REQUIRED.join(", ")
+                ));
+            }
+        }
+        if columns.contains_key("depth") && columns.contains_key("disparity") {
+            return Err(
+                "line 1: there are a column `depth` and a column `disparity`; keep one".to_owned(),
+            );
+        }
+        if columns.contains_key("depth_scale")
+            && !columns.contains_key("depth")
+            && !columns.contains_key("disparity")
+        {
+            return Err(
+                "line 1: the column `depth_scale` needs a column `depth` or `disparity`".to_owned(),
+            );
+        }
+        Ok(Self(columns))
+    }
+
+    /// The text of a column, empty if the table has no such column.
+    fn get<'a>(&self, fields: &[&'a str], name: &str) -> &'a str {
+        let at = self.0.get(name);
+        at.and_then(|at| fields.get(*at)).copied().unwrap_or("")
+    }
+}
+
+/// Reads the list. A bad header is an error, a bad row is not.
+fn parse(bytes: &[u8], shares: Shares) -> std::result::Result<Table, String> {
+    // Spreadsheets begin their files with a byte order mark.
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .flexible(true)
+        .from_reader(bytes);
+    let header = reader.byte_headers().map_err(|e| e.to_string())?.clone();
+    if header.iter().all(<[u8]>::is_empty) {
+        return Err(format!(
+            "it is empty; its first line should name the columns {}",
+            REQUIRED.join(", ")
+        ));
+    }
+    let columns = Columns::parse(&header)?;
+    let mut table = Table::default();
+    let mut seen = BTreeSet::new();
+    for record in reader.byte_records() {
+        let record = record.map_err(|e| e.to_string())?;
+        let mut bad = BadRow {
+            line: record.position().map_or(0, csv::Position::line),
+            id: String::new(),
+            role: None,
+            problem: String::new(),
+        };
+        match parse_row(&record, header.len(), &columns, shares, &mut bad) {
+            Ok(row) if seen.insert(row.id.clone()) => table.rows.push(row),
+            Ok(row) => {
+                bad.problem = format!("the id `{}` is there twice", row.id);
+                table.bad.push(bad);
+            }
+            Err(problem) => {
+                bad.problem = problem;
+                table.bad.push(bad);
+            }
+        }
+    }
+    Ok(table)
+}
+
+/// Reads a row; what is known of it is noted in `known` even if the rest is bad.
+fn parse_row(
+    record: &csv::ByteRecord,
+    expected: usize,
+    columns: &Columns,
+    shares: Shares,
+    known: &mut BadRow,
+) -> std::result::Result<Row, String> {
+    if record.len() != expected {
+        return Err(format!(
+            "it has {} fields, but there are {expected} columns",
+            record.len()
+        ));
+    }
+    let fields: Option<Vec<&str>> = record
+        .iter()
+        .map(|field| std::str::from_utf8(field).ok())
+        .collect();
+    let fields = fields.ok_or("it is not UTF-8 text; save the file as UTF-8")?;
+    let text = |name: &str| columns.get(&fields, name);
+    let given = |name: &str| match text(name) {
+        "" => Err(format!("`{name}` is empty")),
+        text => Ok(text.to_owned()),
+    };
+    let positive = |name: &str| {
+        let number = text(name).parse().ok();
+        number
+            .filter(|n: &f64| n.is_finite() && *n > 0.0)
+            .ok_or_else(|| {
+                format!(
+                    "`{name}` should be a positive number, but is `{}`",
+                    text(name)
+                )
+            })
+    };
+    let left = given("left")?;
+    let id = match text("id") {
+        "" => id_of(&left),
+        id => id.to_owned(),
+    };
+    workshop::check_id(&id)?;
+    known.id.clone_from(&id);
+    let role = match columns.0.contains_key("split") {
+        true => {
+            let role = Role::ALL
+                .into_iter()
+                .find(|role| role.as_str() == text("split"));
+            role.ok_or_else(|| {
+                format!(
+                    "`split` should be train, val or test, but is `{}`",
+                    text("split")
+                )
+            })?
+        }
+        false => shares.role(&id),
+    };
+    known.role = Some(role);
+    let is_disparity = columns.0.contains_key("disparity");
+    let file = text(if is_disparity { "disparity" } else { "depth" });
+    let scale = match text("depth_scale") {
+        "" => None,
+        _ => Some(positive("depth_scale")?),
+    };
+    Ok(Row {
+        right: given("right")?,
+        focal_px: positive("focal_px")?,
+        baseline_m: positive("baseline_m")?,
+        truth: (!file.is_empty()).then(|| Truth {
+            file: file.to_owned(),
+            is_disparity,
+            scale,
+        }),
+        id,
+        role,
+        left,
+    })
+}
+
+/// The path of an image without its ending and without what leads out of a folder.
+fn id_of(left: &str) -> String {
+    let path = Path::new(left).with_extension("");
+    let parts = path.components().filter_map(|part| match part {
+        Component::Normal(part) => part.to_str(),
+        _ => None,
+    });
+    parts.collect::<Vec<_>>().join("/")
+}
+
+fn make(workshop: &Workshop<'_>, folder: &Path, csv: &Path, frame: &Frame<Row>) -> Piece<Sample> {
+    let row = &frame.input;
+    let (left, right) = (folder.join(&row.left), folder.join(&row.right));
+    let keep_full = row.role == Role::Test;
+    let left_picture = workshop.picture("left", &row.id, &left, None, keep_full)?;
+    let right_picture = workshop.picture("right", &row.id, &right, None, false)?;
+    let size = left_picture.size;
+    same_size(&right, right_picture.size, size)?;
+    let depth = match &row.truth {
+        Some(truth) => Some(ground_truth(workshop, folder, csv, row, truth, size)?),
+        None => None,
+    };
+    Ok(Sample {
+        right: Some(right_picture.small),
+        left_full: left_picture.full,
+        depth_camera: depth,
+        ..Sample::new(
+            &row.id,
+            size,
+            row.focal_px,
+            row.baseline_m,
+            left_picture.small,
+        )
+    })
+}
+
+fn ground_truth(
+    workshop: &Workshop<'_>,
+    folder: &Path,
+    csv: &Path,
+    row: &Row,
+    truth: &Truth,
+    size: (u32, u32),
+) -> Piece<FileRef> {
+    let path = format!("depth/camera/{}.exr", row.id);
+    let file = folder.join(&truth.file);
+    // Its metres depend on the numbers of the row as much as on the file.
+    let changed = workshop::changed(&file).max(workshop::changed(csv));
+    if let Some(kept) = workshop.kept(&path, changed)? {
+        return Ok(kept);
+    }
+    let bytes = files::read(&file).map_err(|e| Stop::input(&file, e))?;
+    let ending = workshop::ending(&file).unwrap_or_default();
+    let (width, height, mut values) =
+        decode_truth(&bytes, &ending).map_err(|problem| Stop::about(&file, problem))?;
+    same_size(&file, (width as u32, height as u32), size)?;
+    let scale = match ending.as_str() {
+        "png" => PNG_SCALE,
+        _ => 1.0,
+    };
+    let scale = truth.scale.unwrap_or(scale);
+    for value in &mut values {
+        *value /= scale;
+        if truth.is_disparity && *value > 0.0 {
+            *value = depth_from_disparity_px(row.focal_px, row.baseline_m, *value);
+        }
+    }
+    let data: Vec<f32> = values.into_iter().map(workshop::measured).collect();
+    if data.iter().all(|depth_m| *depth_m == 0.0) {
+        return Err(Stop::about(&file, "it has no measured pixel"));
+    }
+    let header = DepthHeader {
+        source: format!(
+            "pairs/{}",
+            if truth.is_disparity {
+                "disparity"
+            } else {
+                "depth"
+            }
+        ),
+        axis: "camera-z".to_owned(),
+        focal_px: row.focal_px,
+        baseline_m: row.baseline_m,
+        frame: row.id.clone(),
+    };
+    let plane = Plane {
+        width,
+        height,
+        data,
+    };
+    workshop.put_depth(path, &plane, &header)
+}
+
+/// Width, height and values of a ground truth file of this ending, not yet scaled.
+fn decode_truth(bytes: &[u8], ending: &str) -> std::result::Result<npy::Array, String> {
+    match ending {
+        "png" => {
+            let (width, height, values) =
+                image_files::decode_gray16(bytes, "this PNG").map_err(|e| e.to_string())?;
+            Ok((width, height, values.into_iter().map(f64::from).collect()))
+        }
+        "npy" => npy::decode(bytes),
+        "exr" => {
+            let plane = exr::decode_channel(bytes)?;
+            let values = plane.data.into_iter().map(f64::from);
+            Ok((plane.width, plane.height, values.collect()))
+        }
+        _ => Err("ground truth is read from .png (16-bit), .npy and .exr files".to_owned()),
+    }
+}
+
+fn same_size(file: &Path, found: (u32, u32), image: (u32, u32)) -> Piece<()> {
+    if found == image {
+        return Ok(());
+    }
+    let ((w, h), (iw, ih)) = (found, image);
+    Err(Stop::about(
+        file,
+        format!("it is {w}x{h}, but its left image is {iw}x{ih}"),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const SHARES: Shares = Shares {
+        val: 0.1,
+        test: 0.1,
+    };
+
+    #[test]
+    fn rows_are_read() {
+        let text = "\u{feff}left, right,focal_px,baseline_m,split,disparity,depth_scale\n\
+            l/Straße 1.png,r/1.png,721.5,0.54,test,d/1.png,100\n\
+            ../l/2.jpg,r/2.jpg,1e3,12,train,,\n";
+        let table = parse(text.as_bytes(), SHARES).unwrap();
+        assert_eq!(table.bad, []);
+        assert_eq!(
+            table.rows[0],
+            Row {
+                id: "l/Straße 1".to_owned(),
+                role: Role::Test,
+                left: "l/Straße 1.png".to_owned(),
+                right: "r/1.png".to_owned(),
+                focal_px: 721.5,
+                baseline_m: 0.54,
+                truth: Some(Truth {
+                    file: "d/1.png".to_owned(),
+                    is_disparity: true,
+                    scale: Some(100.0)
+                }),
+            }
+        );
+        assert_eq!((&*table.rows[1].id, &table.rows[1].truth), ("l/2", &None));
+    }
+
+    #[test]
+    fn bad_headers_are_refused_by_name() {
+        for (text, reason) in [
+            ("", "it is empty"),
+            ("left,right,focal_px\n", "`baseline_m` is missing"),
+            (
+                "left,right,focal_px,baseline_m,colour\n",
+                "no column `colour`",
+            ),
+            ("left;right;focal_px;baseline_m\n", "separated by commas"),
+            (
+                "left,left,right,focal_px,baseline_m\n",
+                "`left` is there twice",
+            ),
+            (
+                "left,right,focal_px,baseline_m,depth,disparity\n",
+                "keep one",
+            ),
+            (
+                "left,right,focal_px,baseline_m,depth_scale\n",
+                "needs a column",
+            ),
+        ] {
+            let problem = parse(text.as_bytes(), SHARES).unwrap_err();
+            assert!(
+                problem.contains(reason),
+                "{problem} should contain {reason}"
+            );
+        }
+    }
+
+    #[test]
+    fn bad_rows_are_named_and_the_rest_stays() {
+        let text = b"id,left,right,focal_px,baseline_m,split\n\
+            a,l.png,r.png,wide,0.5,val\n\
+            b,l.png,r.png,700,0.5,val\n\
+            b,l.png,r.png,700,0.5,val\n\
+            c,l.png,,700,0.5,val\n\
+            d,l.png,r.png,700,-1,val\n\
+            e,l.png,r.png,700,0.5,dev\n\
+            ../f,l.png,r.png,700,0.5,val\n\
+            g,l.png,r.png,700\n\
+            \xff,l.png,r.png,700,0.5,val\n\
+            h,l.png,r.png,NaN,0.5,train\n";
+        let table = parse(text, SHARES).unwrap();
+        assert_eq!(table.rows.len(), 1);
+        let reasons = [
+            (2, "`focal_px` should be a positive number, but is `wide`"),
+            (4, "the id `b` is there twice"),
+            (5, "`right` is empty"),
+            (6, "`baseline_m` should be"),
+            (7, "`split` should be train, val or test, but is `dev`"),
+            (8, "no usable id"),
+            (9, "4 fields, but there are 6 columns"),
+            (10, "not UTF-8"),
+            (11, "but is `NaN`"),
+        ];
+        assert_eq!(table.bad.len(), reasons.len());
+        for (bad, (line, reason)) in table.bad.iter().zip(reasons) {
+            assert_eq!(bad.line, line);
+            assert!(bad.problem.contains(reason), "{}", bad.problem);
+        }
+        assert_eq!(
+            (&*table.bad[0].id, table.bad[0].role),
+            ("a", Some(Role::Val))
+        );
+    }
+
+    #[test]
+    fn roles_are_drawn_by_id_in_the_asked_shares() {
+        let drawn = |shares: Shares, role| {
+            (0..10_000)
+                .filter(|i| shares.role(&format!("frame {i}")) == role)
+                .count()
+        };
+        let shares = Shares {
+            val: 0.2,
+            test: 0.1,
+        };
+        // Three standard deviations of a binomial draw are 90 and 120.
+        assert!((910..1090).contains(&drawn(shares, Role::Test)));
+        assert!((1880..2120).contains(&drawn(shares, Role::Val)));
+        assert_eq!(
+            drawn(
+                Shares {
+                    val: 0.0,
+                    test: 0.0
+                },
+                Role::Train
+            ),
+            10_000
+        );
+        assert_eq!(
+            drawn(
+                Shares {
+                    val: 0.0,
+                    test: 1.0
+                },
+                Role::Test
+            ),
+            10_000
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_the_list_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
+            let _ = parse(&bytes, SHARES);
+            let header = b"left,right,focal_px,baseline_m,id,disparity,depth_scale\n";
+            let _ = parse(&[&header[..], &bytes].concat(), SHARES);
+        }
+
+        #[test]
+        fn no_row_makes_it_panic(rows in "([a-z./\\\\\" ]{0,6}[,\n]|[0-9e.]{1,4},){0,30}") {
+            let text = format!("left,right,focal_px,baseline_m,id\n{rows}");
+            let table = parse(text.as_bytes(), SHARES).unwrap();
+            for row in table.rows {
+                prop_assert!(workshop::check_id(&row.id).is_ok());
+            }
+        }
+    }
+}
