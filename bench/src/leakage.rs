@@ -9,7 +9,7 @@
 use std::collections::BTreeSet;
 
 use strat_onnx::metadata::ModelMetadata;
-use strat_splits::kitti2015_origin;
+use strat_splits::{Split, kitti2015_origin};
 use strat_store::set::{Content, Sample};
 
 /// What is known about training places among the test images.
@@ -43,6 +43,10 @@ pub fn check(metadata: Option<&ModelMetadata>, tested: Content, samples: &[Sampl
     if metadata.train_drives.is_empty() {
         return match &metadata.split {
             Some(trained) if *trained == tested.to_string() => Leakage::None,
+            // Other collections share no image with KITTI.
+            Some(trained) if trained.parse::<Split>().is_ok() && tested.split().is_none() => {
+                Leakage::None
+            }
             Some(trained) => Leakage::OtherSplit {
                 trained: trained.clone(),
             },
@@ -136,6 +140,8 @@ mod tests {
         );
         let same = trained_on("eigen", &[]);
         assert_eq!(check(Some(&same), Content::Eigen, &tested), Leakage::None);
+        let make3d = samples(&["test/img-op57"]);
+        assert_eq!(check(Some(&same), Content::Make3d, &make3d), Leakage::None);
         assert_eq!(check(None, Content::Eigen, &tested), Leakage::Unknown);
     }
 }
