@@ -933,9 +933,10 @@ fn write_results(
         eprintln!("error: nothing could be measured, so there is no table");
         return Ok(FAILED);
     }
-    tables::write_leaderboard(out, &rows, count.expected)?;
+    let entries = tables::write_leaderboard(out, &rows, count.expected)?;
     let written = tables::write_tables(out, wanted, &rows, &coverage)?;
-    let texts: Vec<String> = written.iter().map(|table| table.text()).collect();
+    let mut texts: Vec<String> = written.iter().map(|table| table.text()).collect();
+    texts.extend(Some(tables::beside_tables(&entries, wanted)).filter(|text| !text.is_empty()));
     print(&texts.join("\n"))?;
     if !args.quiet {
         eprintln!("results are in {}", out.display());

@@ -11,7 +11,7 @@ use std::{
 
 use serde::Serialize;
 use strat_metrics::{
-    GroundTruthKind, Grouping, Protocol, Row, leaderboard, rows,
+    GroundTruthKind, Grouping, Metric, Protocol, Row, leaderboard, rows,
     statistics::Bootstrap,
     tables::{self, Coverage, Table, TableError, ThesisTable},
 };
@@ -411,7 +411,11 @@ pub fn write_rows(out: &Path, rows: &[Row]) -> Result<(), WriteError> {
 ///
 /// # Errors
 /// The rows do not fit together, or the file cannot be written.
-pub fn write_leaderboard(out: &Path, rows: &[Row], expected_images: u64) -> Result<(), WriteError> {
+pub fn write_leaderboard(
+    out: &Path,
+    rows: &[Row],
+    expected_images: u64,
+) -> Result<Vec<leaderboard::Entry>, WriteError> {
     let mut protocols: Vec<&str> = Vec::new();
     for row in rows {
         let name = row.context.protocol.as_str();
@@ -437,7 +441,43 @@ pub fn write_leaderboard(out: &Path, rows: &[Row], expected_images: u64) -> Resu
     let merged = leaderboard::merge([entries])?;
     let mut bytes = Vec::new();
     leaderboard::write(&merged, &mut bytes)?;
-    Ok(files::write_atomic(&out.join("leaderboard.csv"), &bytes)?)
+    files::write_atomic(&out.join("leaderboard.csv"), &bytes)?;
+    Ok(merged)
+}
+
+/// Measured lines under protocols that none of the tables shows, as text; empty if there are none.
+#[must_use]
+pub fn beside_tables(entries: &[leaderboard::Entry], tables: &[ThesisTable]) -> String {
+    let shown: BTreeSet<&str> = tables.iter().flat_map(|t| t.protocols()).copied().collect();
+    let mut text = String::new();
+    for entry in entries {
+        let of_table = entry.protocol.trim_end_matches("-median");
+        if entry.origin != leaderboard::Origin::Measured || shown.contains(of_table) {
+            continue;
+        }
+        let group = entry
+            .group
+            .map_or(String::new(), |group| format!(", {group}"));
+        let images = entry.images.unwrap_or_default();
+        text += &format!(
+            "{} under {}{group}, {images} of {} images:",
+            entry.method,
+            entry.protocol,
+            entry.expected_images.unwrap_or(images)
+        );
+        for (metric, (mean, interval)) in Metric::ALL
+            .iter()
+            .zip(entry.metrics.iter().zip(&entry.intervals))
+        {
+            let Some(mean) = mean else { continue };
+            text += &format!(" {} {mean:.3}", metric.heading());
+            if let Some(interval) = interval {
+                text += &format!(" ({:.3} to {:.3})", interval.low, interval.high);
+            }
+        }
+        text.push('\n');
+    }
+    text
 }
 
 /// Writes `failures.csv`, or nothing when nothing failed.
