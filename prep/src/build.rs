@@ -5,10 +5,9 @@
 //! earlier run finished is kept, unless its input was replaced since. A bad input file costs its
 //! own sample only.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::SystemTime;
 
 use image::RgbImage;
 use rayon::prelude::*;
@@ -18,7 +17,7 @@ use strat_geometry::{
     parse_velodyne, velodyne_depth,
 };
 use strat_splits::{DriveId, FrameId, Role, Split};
-use strat_store::exr::{DepthHeader, encode_depth};
+use strat_store::exr::DepthHeader;
 use strat_store::image_files::Codec;
 use strat_store::progress::Progress;
 use strat_store::raster::Plane;
@@ -32,18 +31,11 @@ use crate::disk::{free_bytes, human_bytes};
 use crate::error::{Error, Result};
 use crate::inventory::{Input, Inventory, Job};
 use crate::merge::{self, Shard};
+use crate::output::{self, FAILURES_SHOWN, Output, Piece, Stop, write_failures};
+pub use crate::output::{FAILURES, Failure, SETTINGS};
 use crate::raw::{Day, RawFolder};
 use crate::source::Source;
 use crate::stereo2015::camera_by_size;
-
-/// File that marks a folder as the output of a preparation, finished or not.
-pub const SETTINGS: &str = "settings.yaml";
-
-/// File that lists inputs which could not be used.
-pub const FAILURES: &str = "failures.csv";
-
-/// Failures told one by one on stderr; the rest is in [`FAILURES`].
-const FAILURES_SHOWN: u64 = 20;
 
 /// What every file of a set depends on. Sets of different settings do not mix.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,19 +90,6 @@ impl Settings {
     }
 }
 
-/// An input that could not be used.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Failure {
-    /// Role of its sample; none where it is an archive or folder of many.
-    pub role: Option<Role>,
-    /// Name of its sample, else empty.
-    pub id: String,
-    /// The file.
-    pub file: String,
-    /// What is wrong with it.
-    pub problem: String,
-}
-
 /// What a preparation did.
 #[derive(Debug)]
 pub struct Report {
@@ -133,36 +112,10 @@ pub fn check_output(out: &Path, inputs: &[&Path], settings: &Settings) -> Result
         path: out.to_owned(),
         problem,
     };
-    let resolved = |path: &Path| {
-        // The nearest ancestor that exists tells where a folder still to be made will be.
-        path.ancestors()
-            .filter(|a| !a.as_os_str().is_empty())
-            .find_map(|a| a.canonicalize().ok())
-    };
-    for input in inputs {
-        if let (Some(out), Ok(input)) = (resolved(out), input.canonicalize())
-            && out.starts_with(&input)
-        {
-            return Err(wrong(format!(
-                "this lies inside the input folder {}, which is never written to; give another folder",
-                input.display()
-            )));
-        }
-    }
-    if out.is_file() {
-        return Err(wrong("this is a file; give a folder".to_owned()));
-    }
-    let path = out.join(SETTINGS);
-    if !path.is_file() {
-        if std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) {
-            return Err(wrong(
-                "this folder holds other things and no prepared set; give a new or an empty folder"
-                    .to_owned(),
-            ));
-        }
+    if !output::holds_a_set(out, inputs)? {
         return Ok(());
     }
-    let there: Settings = yaml::load(&path)?;
+    let there: Settings = yaml::load(&out.join(SETTINGS))?;
     if there.split != settings.split {
         return Err(wrong(format!(
             "this folder holds the {} split. The test images of one split are training images of the other, \
@@ -272,12 +225,9 @@ pub fn build(
     files::write_atomic(&out.join(SETTINGS), yaml::to_string(settings)?.as_bytes())?;
 
     let workshop = Workshop {
-        out,
+        files: Output::open(out),
         settings,
         raw,
-        known: known_hashes(out),
-        written: 0.into(),
-        kept: 0.into(),
     };
     let label = format!("prep {}", settings.split);
     let jobs: Vec<&Job> = inventory
@@ -287,13 +237,7 @@ pub fn build(
         .collect();
     let progress = Progress::new(&label, jobs.len() as u64, "pairs", quiet);
     let told = AtomicU64::new(0);
-    let threads = threads.unwrap_or(0);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|e| Error::Threads {
-        jobs: threads,
-        reason: e.to_string(),
-    })?;
-    let made: Vec<Made> = pool.install(|| {
+    let made: Vec<Made> = output::threads(threads)?.install(|| {
         let work = jobs.par_iter().map(|job| {
             let made = workshop.make(job)?;
             for failure in &made.failures {
@@ -345,8 +289,8 @@ pub fn build(
     Ok(Report {
         set,
         failures: results.failures,
-        written: workshop.written.into_inner(),
-        kept: workshop.kept.into_inner(),
+        written: workshop.files.written(),
+        kept: workshop.files.kept_files(),
     })
 }
 
@@ -411,32 +355,10 @@ struct Made {
     failures: Vec<Failure>,
 }
 
-/// Why a piece of a sample is not there: a bad input, or an output that cannot be written,
-/// which ends everything.
-enum Stop {
-    Input { file: String, problem: String },
-    Output(Error),
-}
-
-impl Stop {
-    fn input(file: &Source, problem: impl ToString) -> Self {
-        Self::Input {
-            file: file.to_string(),
-            problem: problem.to_string(),
-        }
-    }
-}
-
-type Piece<T> = std::result::Result<T, Stop>;
-
 struct Workshop<'a> {
-    out: &'a Path,
+    files: Output<'a>,
     settings: &'a Settings,
     raw: &'a RawFolder,
-    /// Hashes stated by the tables of an earlier finished run.
-    known: HashMap<String, String>,
-    written: AtomicU64,
-    kept: AtomicU64,
 }
 
 /// The two versions of an image in the set, and its native size.
@@ -633,10 +555,10 @@ impl Workshop<'_> {
         );
         let full = keep_full.then(|| format!("full/{drive}/{side}/{stem}.{}", from.ending()));
         let changed = from.changed();
-        let kept_small = self.kept(&small, changed)?;
+        let kept_small = self.files.kept(&small, changed)?;
         let kept_full = full
             .as_deref()
-            .map(|path| self.kept(path, changed))
+            .map(|path| self.files.kept(path, changed))
             .transpose()?
             .flatten();
         if let Some(small) = &kept_small
@@ -660,10 +582,10 @@ impl Workshop<'_> {
             image_files::decode_rgb(&bytes, &from.to_string()).map_err(|e| Stop::input(from, e))?;
         let small = match kept_small {
             Some(small) => small,
-            None => self.put(small, &self.network_size(&image))?,
+            None => self.files.put(small, &self.network_size(&image))?,
         };
         let full = match (kept_full, full) {
-            (None, Some(path)) => Some(self.put(path, &bytes)?),
+            (None, Some(path)) => Some(self.files.put(path, &bytes)?),
             (kept, _) => kept,
         };
         Ok(Picture {
@@ -698,7 +620,10 @@ impl Workshop<'_> {
             ["velodyne", "camera"].map(|kind| format!("depth/{kind}/{drive}/{stem}.exr"));
         // It depends on the calibration as much as on the scan.
         let changed = scan.changed().max(day.changed);
-        let kept = (self.kept(&velodyne, changed)?, self.kept(&camera, changed)?);
+        let kept = (
+            self.files.kept(&velodyne, changed)?,
+            self.files.kept(&camera, changed)?,
+        );
         if let (Some(velodyne), Some(camera)) = kept {
             return Ok((velodyne, camera));
         }
@@ -726,8 +651,10 @@ impl Workshop<'_> {
             ));
         }
         Ok((
-            self.put_depth(velodyne, &along_scanner, &header("velodyne-x"))?,
-            self.put_depth(camera, &depth(DepthAxis::CameraZ), &header("camera-z"))?,
+            self.files
+                .put_depth(velodyne, &along_scanner, &header("velodyne-x"))?,
+            self.files
+                .put_depth(camera, &depth(DepthAxis::CameraZ), &header("camera-z"))?,
         ))
     }
 
@@ -740,7 +667,7 @@ impl Workshop<'_> {
         cameras: &CamToCam,
     ) -> Piece<FileRef> {
         let path = format!("depth/annotated/{drive}/{stem}.exr");
-        if let Some(kept) = self.kept(&path, from.changed())? {
+        if let Some(kept) = self.files.kept(&path, from.changed())? {
             return Ok(kept);
         }
         let (width, height, raw) = self.gray16(from, (cameras.width, cameras.height))?;
@@ -752,7 +679,7 @@ impl Workshop<'_> {
             frame: format!("{drive}/{stem}"),
         };
         let depth_m = raw.iter().map(|value| f32::from(*value) / 256.0);
-        self.put_depth(
+        self.files.put_depth(
             path,
             &Plane {
                 width,
@@ -786,7 +713,7 @@ impl Workshop<'_> {
         focal_px: f64,
     ) -> Piece<FileRef> {
         let path = format!("depth/{kind}/kitti2015/{stem}.exr");
-        if let Some(kept) = self.kept(&path, from.changed())? {
+        if let Some(kept) = self.files.kept(&path, from.changed())? {
             return Ok(kept);
         }
         let (width, height, raw) = self.gray16(from, size)?;
@@ -806,7 +733,7 @@ impl Workshop<'_> {
             baseline_m: NOMINAL_BASELINE_M,
             frame: job.id.clone(),
         };
-        self.put_depth(
+        self.files.put_depth(
             path,
             &Plane {
                 width,
@@ -827,50 +754,13 @@ impl Workshop<'_> {
         check: Check,
     ) -> Piece<FileRef> {
         let path = format!("labels/{kind}/kitti2015/{stem}.png");
-        if let Some(kept) = self.kept(&path, from.changed())? {
+        if let Some(kept) = self.files.kept(&path, from.changed())? {
             return Ok(kept);
         }
         let bytes = from.read().map_err(|e| Stop::input(from, e))?;
         let found = check(&bytes, &from.to_string()).map_err(|e| Stop::input(from, e))?;
         same_size(from, found, size)?;
-        self.put(path, &bytes)
-    }
-
-    /// A file of an earlier run. Files appear whole, so its being there is enough, unless a
-    /// finished table knows it with another content, or its input is newer: `changed` says when
-    /// that was last written or put into its place.
-    fn kept(&self, path: &str, changed: Option<SystemTime>) -> Piece<Option<FileRef>> {
-        let place = self.out.join(path);
-        let Ok(metadata) = std::fs::metadata(&place) else {
-            return Ok(None);
-        };
-        let outdated = changed.is_some_and(|at| metadata.modified().is_ok_and(|made| made < at));
-        if outdated || !metadata.is_file() {
-            return Ok(None);
-        }
-        let blake3 = files::blake3_file(&place).map_err(|e| Stop::Output(e.into()))?;
-        if self.known.get(path).is_some_and(|known| *known != blake3) {
-            return Ok(None);
-        }
-        self.kept.fetch_add(1, Ordering::Relaxed);
-        Ok(Some(FileRef {
-            path: path.to_owned(),
-            blake3,
-        }))
-    }
-
-    fn put(&self, path: String, bytes: &[u8]) -> Piece<FileRef> {
-        files::write_atomic(&self.out.join(&path), bytes).map_err(|e| Stop::Output(e.into()))?;
-        self.written.fetch_add(1, Ordering::Relaxed);
-        Ok(FileRef {
-            blake3: files::blake3_hex(bytes),
-            path,
-        })
-    }
-
-    fn put_depth(&self, path: String, depth_m: &Plane, header: &DepthHeader) -> Piece<FileRef> {
-        let bytes = encode_depth(depth_m, header).map_err(|e| Stop::Output(e.into()))?;
-        self.put(path, &bytes)
+        self.files.put(path, &bytes)
     }
 }
 
@@ -896,15 +786,7 @@ fn same_size(file: &Source, found: (usize, usize), image: (u32, u32)) -> Piece<(
 }
 
 fn failure(job: &Job, stop: Stop) -> Result<Failure> {
-    match stop {
-        Stop::Input { file, problem } => Ok(Failure {
-            role: Some(job.role),
-            id: job.id.clone(),
-            file,
-            problem,
-        }),
-        Stop::Output(error) => Err(error),
-    }
+    stop.failure(job.role, &job.id)
 }
 
 fn camera_entry(sample: &Sample) -> CameraEntry {
@@ -926,47 +808,6 @@ fn camera_entry(sample: &Sample) -> CameraEntry {
         focal_px,
         baseline_m,
     }
-}
-
-/// Hashes by path, from the tables of an earlier finished run; empty if there is none.
-pub(crate) fn known_hashes(out: &Path) -> HashMap<String, String> {
-    let Ok(set) = PreparedSet::open(out) else {
-        return HashMap::new();
-    };
-    let samples = Role::ALL
-        .into_iter()
-        .filter_map(|role| set.samples(role).ok())
-        .flatten();
-    samples
-        .flat_map(|sample| {
-            let files = sample.files();
-            files
-                .map(|(_, file)| (file.path.clone(), file.blake3.clone()))
-                .collect::<Vec<_>>()
-        })
-        .collect()
-}
-
-/// Writes the list of failures, or removes that of an earlier run if there are none.
-pub(crate) fn write_failures(out: &Path, failures: &[Failure]) -> Result<()> {
-    let path = out.join(FAILURES);
-    if failures.is_empty() {
-        return match std::fs::remove_file(&path) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::Output {
-                path: out.to_owned(),
-                problem: format!("the outdated {FAILURES} cannot be removed: {e}"),
-            }),
-            _ => Ok(()),
-        };
-    }
-    files::write_atomic_with(&path, |file| {
-        let mut table = csv::Writer::from_writer(file);
-        for failure in failures {
-            table.serialize(failure).map_err(std::io::Error::other)?;
-        }
-        table.flush()
-    })?;
-    Ok(())
 }
 
 #[cfg(test)]

@@ -146,7 +146,7 @@ fn make(workshop: &Workshop<'_>, frame: &Frame<Files>) -> Piece<Sample> {
         camera,
         labels,
     } = &frame.input;
-    let text = files::read(camera).map_err(|e| Stop::input(camera, e))?;
+    let text = files::read(camera).map_err(|e| Stop::path(camera, e))?;
     let (focal_px, baseline_m) =
         parse_camera(&text).map_err(|problem| Stop::about(camera, problem))?;
     let keep_full = frame.role == Role::Test;
@@ -176,11 +176,11 @@ fn make(workshop: &Workshop<'_>, frame: &Frame<Files>) -> Piece<Sample> {
 
 fn label(workshop: &Workshop<'_>, id: &str, from: &Path, size: (u32, u32)) -> Piece<FileRef> {
     let path = format!("labels/semantic/{id}.png");
-    if let Some(kept) = workshop.kept(&path, workshop::changed(from))? {
+    if let Some(kept) = workshop.files.kept(&path, workshop::changed(from))? {
         return Ok(kept);
     }
     let (width, height, mut ids) =
-        image_files::read_gray8(from).map_err(|e| Stop::input(from, e))?;
+        image_files::read_gray8(from).map_err(|e| Stop::path(from, e))?;
     let (width, height) = (width as u32, height as u32);
     let rows = rows((width, height)).map_err(|problem| Stop::about(from, problem))?;
     if (width, rows.end) != size {
@@ -193,7 +193,9 @@ fn label(workshop: &Workshop<'_>, id: &str, from: &Path, size: (u32, u32)) -> Pi
         ));
     }
     ids.truncate(width as usize * rows.end as usize);
-    workshop.put(path, &image_files::encode_png_gray8(width, rows.end, &ids))
+    workshop
+        .files
+        .put(path, &image_files::encode_png_gray8(width, rows.end, &ids))
 }
 
 /// All rows but the bottom fifth: 0 to 818 of 1024.

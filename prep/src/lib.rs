@@ -21,6 +21,7 @@ pub mod make3d;
 pub mod mat;
 pub mod merge;
 pub mod npy;
+mod output;
 pub mod pairs;
 pub mod plan;
 pub mod raw;

@@ -140,10 +140,10 @@ fn make(workshop: &Workshop<'_>, frame: &Frame<(PathBuf, PathBuf)>) -> Piece<Sam
     let (image, grid) = &frame.input;
     let picture = workshop.picture("left", &frame.id, image, Some(rows), true)?;
     let path = format!("depth/laser/{}.exr", frame.id);
-    let depth = match workshop.kept(&path, workshop::changed(grid))? {
+    let depth = match workshop.files.kept(&path, workshop::changed(grid))? {
         Some(kept) => kept,
         None => {
-            let bytes = files::read(grid).map_err(|e| Stop::input(grid, e))?;
+            let bytes = files::read(grid).map_err(|e| Stop::path(grid, e))?;
             let depth_m = mat::read(&bytes, VARIABLE)
                 .and_then(|grid| depth(&grid))
                 .map_err(|problem| Stop::about(grid, problem))?;
@@ -154,7 +154,7 @@ fn make(workshop: &Workshop<'_>, frame: &Frame<(PathBuf, PathBuf)>) -> Piece<Sam
                 baseline_m: 0.0,
                 frame: frame.id.clone(),
             };
-            workshop.put_depth(path, &depth_m, &header)?
+            workshop.files.put_depth(path, &depth_m, &header)?
         }
     };
     Ok(Sample {

@@ -413,10 +413,10 @@ fn ground_truth(
     let file = folder.join(&truth.file);
     // Its metres depend on the numbers of the row as much as on the file.
     let changed = workshop::changed(&file).max(workshop::changed(csv));
-    if let Some(kept) = workshop.kept(&path, changed)? {
+    if let Some(kept) = workshop.files.kept(&path, changed)? {
         return Ok(kept);
     }
-    let bytes = files::read(&file).map_err(|e| Stop::input(&file, e))?;
+    let bytes = files::read(&file).map_err(|e| Stop::path(&file, e))?;
     let ending = workshop::ending(&file).unwrap_or_default();
     let (width, height, mut values) =
         decode_truth(&bytes, &ending).map_err(|problem| Stop::about(&file, problem))?;
@@ -455,7 +455,7 @@ fn ground_truth(
         height,
         data,
     };
-    workshop.put_depth(path, &plane, &header)
+    workshop.files.put_depth(path, &plane, &header)
 }
 
 /// Width, height and values of a ground truth file of this ending, not yet scaled.

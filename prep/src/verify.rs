@@ -21,6 +21,7 @@ use strat_store::{exr, files, image_files};
 use crate::build::{FAILURES, SETTINGS};
 use crate::cli::{parse_jobs, say, tell};
 use crate::error::{Error, Result};
+use crate::output;
 use crate::raw::RawFolder;
 use crate::source::Source;
 use crate::stereo2015::{Kind, SceneFolder};
@@ -208,12 +209,7 @@ enum Form {
 
 /// Runs the command and returns its exit code.
 pub(crate) fn run(args: &Args) -> Result<u8> {
-    let threads = args.jobs.unwrap_or(0);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|e| Error::Threads {
-        jobs: threads,
-        reason: e.to_string(),
-    })?;
+    let pool = output::threads(args.jobs)?;
     let mut report = Report::default();
     pool.install(|| -> Result<()> {
         if let Some(root) = &args.set {

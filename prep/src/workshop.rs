@@ -3,7 +3,7 @@
 //!
 //! KITTI itself, with archives, shards and splits, is [`crate::build`].
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -14,24 +14,21 @@ use image::imageops;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strat_splits::Role;
-use strat_store::exr::{DepthHeader, encode_depth};
 use strat_store::image_files::{self, Codec};
 use strat_store::progress::Progress;
-use strat_store::raster::Plane;
 use strat_store::resize::{self, Kernel};
 use strat_store::set::{
     CameraEntry, Content, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample,
 };
 use strat_store::{files, yaml};
 
-use crate::build::{FAILURES, Failure, Report, SETTINGS, known_hashes, write_failures};
+use crate::build::{FAILURES, Failure, Report, SETTINGS};
 use crate::cli::{parse_jobs, say, tell};
 use crate::error::{Error, Result};
 use crate::inventory::summary;
+use crate::output::{self, FAILURES_SHOWN, Output, write_failures};
+pub(crate) use crate::output::{Piece, Stop};
 use crate::source::Source;
-
-/// Failures told one by one on stderr; the rest is in `failures.csv`.
-const FAILURES_SHOWN: u64 = 20;
 
 /// Options of every collection.
 #[derive(Debug, Clone, clap::Args)]
@@ -80,29 +77,6 @@ pub(crate) struct Frame<T> {
     pub input: T,
 }
 
-/// Why a frame is not there: a bad input, or an output that cannot be written, which ends
-/// everything.
-pub(crate) enum Stop {
-    Input { file: String, problem: String },
-    Output(Error),
-}
-
-impl Stop {
-    pub fn input(file: &Path, problem: impl ToString) -> Self {
-        Self::Input {
-            file: file.display().to_string(),
-            problem: problem.to_string(),
-        }
-    }
-
-    /// A bad input whose problem does not yet name it.
-    pub fn about(file: &Path, problem: impl std::fmt::Display) -> Self {
-        Self::input(file, format!("{}: {problem}", file.display()))
-    }
-}
-
-pub(crate) type Piece<T> = std::result::Result<T, Stop>;
-
 /// Whether an id can be part of file names of a set on every system.
 pub(crate) fn check_id(id: &str) -> std::result::Result<(), String> {
     let inside = !id.is_empty()
@@ -124,43 +98,18 @@ pub(crate) fn check_id(id: &str) -> std::result::Result<(), String> {
 
 /// Makes sure that `out` is new, empty or an earlier state of the same set, and in no input folder.
 fn check_output(out: &Path, inputs: &[&Path], settings: &Settings) -> Result<()> {
-    let wrong = |problem: String| Error::Output {
-        path: out.to_owned(),
-        problem,
-    };
-    let there = out
-        .ancestors()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .find_map(|folder| folder.canonicalize().ok());
-    for input in inputs {
-        if let (Some(there), Ok(input)) = (&there, input.canonicalize())
-            && there.starts_with(&input)
-        {
-            return Err(wrong(format!(
-                "this lies inside the input folder {}, which is never written to; give another folder",
-                input.display()
-            )));
-        }
-    }
-    if out.is_file() {
-        return Err(wrong("this is a file; give a folder".to_owned()));
-    }
-    let path = out.join(SETTINGS);
-    if !path.is_file() {
-        if std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) {
-            return Err(wrong(
-                "this folder holds other things and no prepared set; give a new or an empty folder"
-                    .to_owned(),
-            ));
-        }
+    if !output::holds_a_set(out, inputs)? {
         return Ok(());
     }
-    match yaml::load::<Settings>(&path) {
+    match yaml::load::<Settings>(&out.join(SETTINGS)) {
         Ok(before) if before == *settings => Ok(()),
-        _ => Err(wrong(format!(
-            "this folder holds a set of other data or made with other options ({SETTINGS} in it says \
-             which); give another folder or the same options"
-        ))),
+        _ => Err(Error::Output {
+            path: out.to_owned(),
+            problem: format!(
+                "this folder holds a set of other data or made with other options ({SETTINGS} in it \
+                 says which); give another folder or the same options"
+            ),
+        }),
     }
 }
 
@@ -192,9 +141,7 @@ pub(crate) fn build<T: Sync>(
     files::write_atomic(&out.join(SETTINGS), yaml::to_string(&settings)?.as_bytes())?;
     let workshop = Workshop {
         options,
-        known: known_hashes(out),
-        written: 0.into(),
-        kept: 0.into(),
+        files: Output::open(out),
     };
     let label = format!("prep {content}");
     let progress = Progress::new(&label, frames.len() as u64, "frames", options.quiet);
@@ -205,24 +152,13 @@ pub(crate) fn build<T: Sync>(
         }
     };
     before.iter().for_each(tell_of);
-    let threads = options.jobs.unwrap_or(0);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|e| Error::Threads {
-        jobs: threads,
-        reason: e.to_string(),
-    })?;
+    let pool = output::threads(options.jobs)?;
     let made: Vec<std::result::Result<Sample, Failure>> = pool.install(|| {
         let work = frames.par_iter().map(|frame| {
             let made = match make(&workshop, frame) {
                 Ok(sample) => Ok(sample),
-                Err(Stop::Output(error)) => return Err(error),
-                Err(Stop::Input { file, problem }) => {
-                    let failure = Failure {
-                        role: Some(frame.role),
-                        id: frame.id.clone(),
-                        file,
-                        problem,
-                    };
+                Err(stop) => {
+                    let failure = stop.failure(frame.role, &frame.id)?;
                     tell_of(&failure);
                     Err(failure)
                 }
@@ -267,8 +203,8 @@ pub(crate) fn build<T: Sync>(
     Ok(Report {
         set,
         failures,
-        written: workshop.written.into_inner(),
-        kept: workshop.kept.into_inner(),
+        written: workshop.files.written(),
+        kept: workshop.files.kept_files(),
     })
 }
 
@@ -328,10 +264,8 @@ pub(crate) type Crop = fn((u32, u32)) -> std::result::Result<Range<u32>, String>
 /// Where frames are made.
 pub(crate) struct Workshop<'a> {
     options: &'a Options,
-    /// Hashes stated by the tables of an earlier finished run.
-    known: HashMap<String, String>,
-    written: AtomicU64,
-    kept: AtomicU64,
+    /// The files of the set.
+    pub files: Output<'a>,
 }
 
 impl Workshop<'_> {
@@ -345,7 +279,7 @@ impl Workshop<'_> {
         crop: Option<Crop>,
         keep_full: bool,
     ) -> Piece<Picture> {
-        let input = |problem: strat_store::Error| Stop::input(from, problem);
+        let input = |problem: strat_store::Error| Stop::path(from, problem);
         let rows = |size: (u32, u32)| match crop {
             Some(crop) => crop(size).map_err(|problem| Stop::about(from, problem)),
             None => Ok(0..size.1),
@@ -357,9 +291,9 @@ impl Workshop<'_> {
         let small = format!("images/{side}/{id}.{}", self.options.codec.ending());
         let full = keep_full.then(|| format!("full/{side}/{id}.{ending}"));
         let changed = changed(from);
-        let kept_small = self.kept(&small, changed)?;
+        let kept_small = self.files.kept(&small, changed)?;
         let kept_full = match &full {
-            Some(path) => self.kept(path, changed)?,
+            Some(path) => self.files.kept(path, changed)?,
             None => None,
         };
         if let Some(small) = &kept_small
@@ -389,16 +323,16 @@ impl Workshop<'_> {
         } = *self.options;
         let small = match kept_small {
             Some(small) => small,
-            None => self.put(
+            None => self.files.put(
                 small,
                 &codec.encode(&resize::rgb(&image, width, height, kernel)),
             )?,
         };
         let full = match (kept_full, full) {
             (None, Some(path)) if crop.is_some() => {
-                Some(self.put(path, &image_files::encode_png_rgb(&image))?)
+                Some(self.files.put(path, &image_files::encode_png_rgb(&image))?)
             }
-            (None, Some(path)) => Some(self.put(path, &bytes)?),
+            (None, Some(path)) => Some(self.files.put(path, &bytes)?),
             (kept, _) => kept,
         };
         Ok(Picture {
@@ -406,45 +340,6 @@ impl Workshop<'_> {
             full,
             size: image.dimensions(),
         })
-    }
-
-    /// A file of an earlier run. Files appear whole, so its being there is enough, unless a
-    /// finished table knows it with another content, or one of its inputs was `changed` since.
-    pub fn kept(&self, path: &str, changed: Option<SystemTime>) -> Piece<Option<FileRef>> {
-        let place = self.options.out.join(path);
-        let Ok(metadata) = std::fs::metadata(&place) else {
-            return Ok(None);
-        };
-        let outdated = changed.is_some_and(|at| metadata.modified().is_ok_and(|made| made < at));
-        if outdated || !metadata.is_file() {
-            return Ok(None);
-        }
-        let blake3 = files::blake3_file(&place).map_err(|e| Stop::Output(e.into()))?;
-        if self.known.get(path).is_some_and(|known| *known != blake3) {
-            return Ok(None);
-        }
-        self.kept.fetch_add(1, Ordering::Relaxed);
-        Ok(Some(FileRef {
-            path: path.to_owned(),
-            blake3,
-        }))
-    }
-
-    /// Writes a file of the set.
-    pub fn put(&self, path: String, bytes: &[u8]) -> Piece<FileRef> {
-        let place = self.options.out.join(&path);
-        files::write_atomic(&place, bytes).map_err(|e| Stop::Output(e.into()))?;
-        self.written.fetch_add(1, Ordering::Relaxed);
-        Ok(FileRef {
-            blake3: files::blake3_hex(bytes),
-            path,
-        })
-    }
-
-    /// Writes ground truth in metres.
-    pub fn put_depth(&self, path: String, depth_m: &Plane, header: &DepthHeader) -> Piece<FileRef> {
-        let bytes = encode_depth(depth_m, header).map_err(|e| Stop::Output(e.into()))?;
-        self.put(path, &bytes)
     }
 }
 

@@ -72,19 +72,7 @@ pub fn read_depth(path: &Path) -> Result<(Plane, DepthHeader)> {
 /// # Errors
 /// The bytes are truncated or no EXR, or several channels leave open which is meant.
 pub fn decode_channel(bytes: &[u8]) -> std::result::Result<Plane, String> {
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(|error| match error {
-            exr::error::Error::Io(_) => format!("it is truncated ({} bytes)", bytes.len()),
-            other => format!("it is no usable EXR file: {other}"),
-        })?;
-    let layer = image.layer_data;
+    let layer = first_layer(bytes, |other| format!("it is no usable EXR file: {other}"))?;
     let channels = &layer.channel_data.list;
     let channel = match channels.as_slice() {
         [only] => only,
@@ -173,7 +161,11 @@ fn sort_attributes(bytes: &mut [u8]) -> Option<()> {
     Some(())
 }
 
-fn decode(bytes: &[u8]) -> std::result::Result<(Plane, DepthHeader), String> {
+/// All channels of the first layer; `describe` puts into words what is neither read nor truncated.
+fn first_layer(
+    bytes: &[u8],
+    describe: impl FnOnce(exr::error::Error) -> String,
+) -> std::result::Result<Layer<AnyChannels<FlatSamples>>, String> {
     let image = read()
         .no_deep_data()
         .largest_resolution_level()
@@ -184,9 +176,13 @@ fn decode(bytes: &[u8]) -> std::result::Result<(Plane, DepthHeader), String> {
         .from_buffered(Cursor::new(bytes))
         .map_err(|error| match error {
             exr::error::Error::Io(_) => format!("it is truncated ({} bytes)", bytes.len()),
-            other => format!("{other} ({} bytes)", bytes.len()),
+            other => describe(other),
         })?;
-    let layer = image.layer_data;
+    Ok(image.layer_data)
+}
+
+fn decode(bytes: &[u8]) -> std::result::Result<(Plane, DepthHeader), String> {
+    let layer = first_layer(bytes, |other| format!("{other} ({} bytes)", bytes.len()))?;
     let attribute = |key: &str| {
         let found = layer.attributes.other.get(&Text::from(key));
         found.ok_or_else(|| format!("its header has no attribute `{key}`"))
