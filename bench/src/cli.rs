@@ -10,6 +10,7 @@
 
 mod devices;
 mod latency;
+mod merge;
 mod predict_images;
 mod rows_commands;
 
@@ -23,25 +24,31 @@ use std::{
 
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
-use strat_metrics::{Protocol, Row, RowContext, protocols, tables::Coverage};
+use strat_metrics::{PostProcessing, Protocol, Row, RowContext, protocols, tables::Coverage};
 use strat_onnx::metadata::OutputMeaning;
 use strat_splits::Role;
 use strat_store::{
     files, image_files,
     progress::Progress,
-    set::{PreparedSet, Sample},
+    raster::Plane,
+    set::{Count, PreparedSet, Sample},
+    shard::Shard,
 };
 
 use crate::{
     baseline::{self, MedianDepth},
+    journal::{self, Journal, JournalError},
     leakage::{self, Leakage},
     model::{Model, PROBE_TOLERANCE},
-    pictures,
-    predict::{self, Evaluation, Failure, Predictor, Task},
-    predictions::PredictionWriter,
+    parts, pictures,
+    predict::{self, Evaluation, Failure, Observer, Predictor, Task},
+    predictions::{PredictionWriter, SaveError},
     runtime::{Device, Runtime, RuntimeChoice},
+    saved::SavedPredictions,
     setup::{self, SetupOptions, Surroundings},
-    tables::{self, DataRecord, ModelRecord, PlanError, ProtocolRecord, RunRecord, TableChoice},
+    tables::{
+        self, DataRecord, ModelRecord, Outcome, PlanError, ProtocolRecord, RunRecord, TableChoice,
+    },
 };
 
 const DONE: u8 = 0;
@@ -64,6 +71,10 @@ Examples:
       the evaluation rules by name
   bench devices
       what this machine can run models on, and why not on the rest
+  bench --table 3.3 --data eigen_set --predictions godard=disparities.npy --out results
+      predictions that another program has saved, without a model
+  bench --table 3.3 --data eigen_set --model model.onnx --out results --shard 0/8
+      one of eight parts, on as many machines; `bench merge results` puts them together
   bench predict --model model.onnx photos --out depth --format exr,color --focal-px 721.5 --baseline-m 0.54
       depth maps and coloured pictures of a folder of images
   bench latency --model model.onnx --images photos --threads 1,2 --batch 1,4 --out speed
@@ -71,9 +82,15 @@ Examples:
 
 Models of other projects need a description beside the file (model.yaml for model.onnx):
   input:  {width: 640, height: 192, range: 0..1, mean: [0.485, 0.456, 0.406],
-           std: [0.229, 0.224, 0.225], channels: rgb, kernel: bilinear}
-  output: {name: disp, meaning: disparity_fraction, channel: 0}
-where meaning is disparity_fraction, disparity_px, inverse_depth (of unknown scale) or depth_m.
+           std: [0.229, 0.224, 0.225], channels: rgb, layout: nchw, kernel: lanczos}
+  output: {name: disp, meaning: inverse_depth, sigmoid: {min_depth: 0.1, max_depth: 100},
+           scale: 5.4, channel: 0, layout: nchw}
+where meaning is disparity_fraction, disparity_px, inverse_depth (of unknown scale unless `scale`
+says how many metres its unit is), inverse_depth_per_m or depth_m.
+
+Saved predictions need one too (disps.yaml for disps.npy or disps.npz, predictions.yaml in a folder
+of PNG, EXR or npy files), with meaning, sigmoid, scale and png_divisor:
+  meaning: disparity_fraction
 
 Exit codes: 0 done, 1 failed or incomplete, 2 wrong usage.";
 
@@ -98,6 +115,8 @@ struct Cli {
 enum Command {
     /// Install ONNX Runtime into a folder of its own (needs python3 with pip, once)
     Setup(SetupArgs),
+    /// Put the parts of a divided run (--shard) together
+    Merge(merge::MergeArgs),
     /// Show what this machine can run models on, and why not on the rest
     Devices(devices::DevicesArgs),
     /// Write depth, disparity or coloured pictures of images
@@ -141,6 +160,10 @@ struct RunArgs {
     /// ONNX file, with the name it shall have in tables; may be given several times
     #[arg(long = "model", value_name = "[NAME=]FILE.onnx")]
     models: Vec<String>,
+    /// Predictions that some program has saved (npy, npz, or a folder of 16-bit PNG, EXR or npy),
+    /// with the name they shall have in tables; may be given several times
+    #[arg(long = "predictions", value_name = "[NAME=]PATH")]
+    predictions: Vec<String>,
     /// Folder for rows, tables and the run record
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -157,9 +180,13 @@ struct RunArgs {
     /// Inference library; `auto` is ONNX Runtime when it is there, else the embedded one
     #[arg(long, value_enum, default_value_t)]
     runtime: RuntimeChoice,
-    /// Also write predictions.npy (disparity fractions at network size) and predictions.ids.txt
-    #[arg(long)]
+    /// Also write predictions.npy (disparity fractions at network size), with the ids of the
+    /// images and the description that --predictions needs beside it
+    #[arg(long, conflicts_with = "shard")]
     save_predictions: bool,
+    /// Measure only one of N parts of the test images, numbered from 0; see `bench merge`
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
     /// Write this many comparison pictures per model
     #[arg(long, value_name = "N", default_value_t = 0)]
     pictures: usize,
@@ -196,6 +223,10 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
             command: Some(Command::Setup(args)),
             ..
         } => set_up(&args),
+        Cli {
+            command: Some(Command::Merge(args)),
+            ..
+        } => merge::run(&args),
         Cli {
             command: Some(Command::Devices(args)),
             ..
@@ -389,8 +420,8 @@ fn placement_text(placement: &[(String, usize)]) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join(", "))
 }
 
-/// Splits `[NAME=]FILE` and finds a name for those without.
-fn asked_models(texts: &[String], median_baseline: bool) -> Result<Vec<Asked>, Usage> {
+/// Splits `[NAME=]FILE` and finds a name for those without, none of which may be `taken`.
+fn asked_files(option: &str, texts: &[String], taken: &[&str]) -> Result<Vec<Asked>, Usage> {
     let mut asked: Vec<Asked> = Vec::new();
     for text in texts {
         // A file may have an equals sign in its own name.
@@ -404,13 +435,12 @@ fn asked_models(texts: &[String], median_baseline: bool) -> Result<Vec<Asked>, U
         };
         if name.is_empty() || file.as_os_str().is_empty() {
             return Err(Usage(format!(
-                "`--model {text}` needs a file, and before `=` a name that is not empty"
+                "`--{option} {text}` needs a file, and before `=` a name that is not empty"
             )));
         }
-        let taken = median_baseline && name == baseline::NAME;
-        if taken || asked.iter().any(|other| other.name == name) {
+        if taken.contains(&name.as_str()) || asked.iter().any(|other| other.name == name) {
             return Err(Usage(format!(
-                "two models are called \"{name}\"; name them with `--model NAME=FILE`"
+                "two models are called \"{name}\"; name them with `--{option} NAME=FILE`"
             )));
         }
         asked.push(Asked { name, file });
@@ -426,7 +456,7 @@ fn default_name(file: &Path) -> String {
     };
     let stem = text(file.file_stem());
     let folder = text(file.parent().and_then(Path::file_name));
-    if stem == "model" && !folder.is_empty() {
+    if matches!(stem.as_str(), "model" | "predictions") && !folder.is_empty() {
         folder
     } else {
         stem
@@ -460,7 +490,12 @@ struct Session<'a> {
     samples: Vec<Sample>,
     protocols: Vec<Protocol>,
     pool: rayon::ThreadPool,
-    wanted_pictures: BTreeSet<usize>,
+    wanted_pictures: BTreeSet<String>,
+    /// Where results are written: the output folder, or that of one part.
+    out: PathBuf,
+    journals: Vec<PathBuf>,
+    /// All protocols that anything was measured under, in order.
+    used: Vec<Protocol>,
     rows: Vec<Row>,
     failures: Vec<Failure>,
     records: Vec<ModelRecord>,
@@ -468,6 +503,8 @@ struct Session<'a> {
     /// Something failed that is not an image.
     incomplete: bool,
     several: bool,
+    /// Test images of the whole set and of its split.
+    count: Count,
 }
 
 impl Session<'_> {
@@ -490,9 +527,13 @@ impl Session<'_> {
 }
 
 fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
-    let asked = asked_models(&args.models, args.median_baseline)?;
+    let constant = args.median_baseline.then_some(baseline::NAME);
+    let asked = asked_files("model", &args.models, constant.as_slice())?;
+    let mut taken: Vec<&str> = asked.iter().map(|asked| asked.name.as_str()).collect();
+    taken.extend(constant);
+    let asked_saved = asked_files("predictions", &args.predictions, &taken)?;
     let set = PreparedSet::open(&args.data)?;
-    let samples = set.samples(Role::Test)?;
+    let mut samples = set.samples(Role::Test)?;
     let count = tables::test_count(&set, &samples);
     let plan = tables::plan(
         args.table,
@@ -501,7 +542,20 @@ fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
         &samples,
         count,
     )?;
-    files::check_writable(&args.out)?;
+    let out = match args.shard {
+        Some(shard) => shard.folder(&args.out),
+        None => args.out.clone(),
+    };
+    files::check_writable(&out)?;
+    let wanted = args.pictures.min(samples.len());
+    let wanted_pictures = (0..wanted)
+        .map(|i| samples[i * samples.len() / wanted].id.clone())
+        .collect();
+    let order: Vec<String> = samples.iter().map(|sample| sample.id.clone()).collect();
+    if let Some(shard) = args.shard {
+        samples.retain(|sample| shard.has(&sample.id));
+        parts::begin(&out, &order, shard)?;
+    }
     let jobs = args.jobs.map_or(0, usize::from);
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(jobs)
@@ -509,10 +563,12 @@ fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
         .build()
         .context("the worker threads could not be started")?;
     let threads = args.threads.map_or(pool.current_num_threads(), usize::from);
-    let wanted = args.pictures.min(samples.len());
     let mut session = Session {
         args,
-        wanted_pictures: (0..wanted).map(|i| i * samples.len() / wanted).collect(),
+        wanted_pictures,
+        out,
+        journals: Vec::new(),
+        used: Vec::new(),
         protocols: plan.protocols.clone(),
         pool,
         rows: Vec::new(),
@@ -521,6 +577,7 @@ fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
         warnings: Vec::new(),
         incomplete: false,
         several: asked.len() > 1,
+        count,
         set,
         samples,
     };
@@ -550,6 +607,9 @@ fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
             evaluate_model(&mut session, model, &found, threads)?;
         }
         runtime = Some(found);
+    }
+    for saved in &asked_saved {
+        evaluate_saved(&mut session, saved)?;
     }
     if args.median_baseline {
         evaluate_baseline(&mut session)?;
@@ -581,21 +641,7 @@ fn evaluate_model(
         ));
     }
 
-    let protocols = if model.description.output.meaning == OutputMeaning::InverseDepth {
-        session.warn(format!(
-            "model {} gives inverse depth of unknown scale: its predictions are scaled by the \
-             median of the ground truth, and its rows stand in tables of their own",
-            model.name
-        ));
-        session
-            .protocols
-            .iter()
-            .cloned()
-            .map(Protocol::with_median_scaling)
-            .collect()
-    } else {
-        session.protocols.clone()
-    };
+    let protocols = protocols_for(session, &model.name, model.description.output.meaning());
     let metadata = model.file.info.metadata().cloned();
     let context = RowContext {
         model: model.name.clone(),
@@ -614,7 +660,7 @@ fn evaluate_model(
         } else {
             "predictions.npy".to_owned()
         };
-        writer = Some(PredictionWriter::create(&session.args.out.join(name))?);
+        writer = Some(PredictionWriter::create(&session.out.join(name))?);
     }
     let started = Instant::now();
     let evaluation = predict_all(
@@ -633,11 +679,90 @@ fn evaluate_model(
         file: Some(asked.file.clone()),
         blake3: model.file.blake3.clone(),
         description: Some(model.description.clone()),
+        saved: None,
         metadata,
         parameters: Some(model.file.info.parameters),
         runtime: model.runtime().to_owned(),
         provider: model.provider().to_owned(),
         probe_max_difference: probe,
+        images: images_in(&evaluation.rows),
+        seconds: started.elapsed().as_secs_f64(),
+        note: None,
+    };
+    keep(session, evaluation, record)
+}
+
+/// The protocols of a run as they apply to predictions of this meaning.
+fn protocols_for(session: &mut Session<'_>, name: &str, meaning: OutputMeaning) -> Vec<Protocol> {
+    if meaning != OutputMeaning::InverseDepth {
+        return session.protocols.clone();
+    }
+    session.warn(format!(
+        "model {name} gives inverse depth of unknown scale: its predictions are scaled by the \
+         median of the ground truth, and its rows stand in tables of their own"
+    ));
+    let protocols = session.protocols.iter().cloned();
+    protocols.map(Protocol::with_median_scaling).collect()
+}
+
+/// Opens and evaluates saved predictions. What cannot be used is reported and skipped.
+fn evaluate_saved(session: &mut Session<'_>, asked: &Asked) -> anyhow::Result<()> {
+    let Asked { name, file } = asked;
+    // Whose map is whose follows from the whole test list, also where a part of it is measured.
+    let samples = session.set.samples(Role::Test)?;
+    let content = session.set.manifest.content;
+    let saved = match SavedPredictions::open(name, file, content, &samples) {
+        Ok(saved) => saved,
+        Err(error) => {
+            session.fail(format!("predictions {name}: {error}"));
+            return Ok(());
+        }
+    };
+    session.note(&format!(
+        "note: predictions {name} do not say what their model was trained on, so leakage cannot \
+         be checked"
+    ));
+    let protocols = protocols_for(session, name, saved.meaning());
+    let (flipped, protocols): (Vec<Protocol>, Vec<Protocol>) = protocols
+        .into_iter()
+        .partition(|protocol| protocol.post_processing == PostProcessing::Flip);
+    for protocol in flipped {
+        session.fail(format!(
+            "predictions {name}: {} needs predictions of mirrored images, which saved ones do not \
+             have; save predictions that are post-processed and evaluate them under the protocol \
+             without",
+            protocol.name
+        ));
+    }
+    let (runtime, provider) = ("none", "none");
+    let context = RowContext {
+        model: name.clone(),
+        model_hash: saved.blake3.clone(),
+        variant: None,
+        runtime: runtime.to_owned(),
+        provider: provider.to_owned(),
+        ..shared_context(session)
+    };
+    let started = Instant::now();
+    let evaluation = predict_all(
+        session,
+        name,
+        &mut Predictor::Saved(&saved),
+        &protocols,
+        &context,
+        &mut None,
+    )?;
+    let record = ModelRecord {
+        name: name.clone(),
+        file: Some(file.clone()),
+        blake3: saved.blake3.clone(),
+        description: None,
+        saved: Some(saved.description.clone()),
+        metadata: None,
+        parameters: None,
+        runtime: runtime.to_owned(),
+        provider: provider.to_owned(),
+        probe_max_difference: None,
         images: images_in(&evaluation.rows),
         seconds: started.elapsed().as_secs_f64(),
         note: None,
@@ -745,6 +870,7 @@ fn evaluate_baseline(session: &mut Session<'_>) -> anyhow::Result<()> {
         file: None,
         blake3: median.digest(),
         description: None,
+        saved: None,
         metadata: None,
         parameters: None,
         runtime: runtime.to_owned(),
@@ -773,8 +899,39 @@ fn shared_context(session: &Session<'_>) -> RowContext {
     }
 }
 
+/// Why an evaluation was broken off.
+#[derive(Debug, thiserror::Error)]
+enum BrokenOff {
+    #[error(transparent)]
+    Save(#[from] SaveError),
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
+/// Puts down what an evaluation finds as soon as it does.
+struct Recorder<'a> {
+    writer: &'a mut Option<PredictionWriter>,
+    journal: Journal,
+}
+
+impl Observer for Recorder<'_> {
+    type Error = BrokenOff;
+
+    fn predicted(&mut self, image: &str, disparity: Option<&Plane>) -> Result<(), BrokenOff> {
+        match &mut self.writer {
+            Some(writer) => Ok(writer.push(image, disparity)?),
+            None => Ok(()),
+        }
+    }
+
+    fn scored(&mut self, rows: &[Row]) -> Result<(), BrokenOff> {
+        Ok(self.journal.add(rows)?)
+    }
+}
+
+/// Evaluates everything that an interrupted run has not.
 fn predict_all(
-    session: &Session<'_>,
+    session: &mut Session<'_>,
     name: &str,
     predictor: &mut Predictor<'_>,
     protocols: &[Protocol],
@@ -792,30 +949,55 @@ fn predict_all(
             (protocol.clone(), context)
         })
         .collect();
+    for protocol in protocols {
+        if !session.used.iter().any(|known| known.name == protocol.name) {
+            session.used.push(protocol.clone());
+        }
+    }
+    let contexts: Vec<RowContext> = with_context.iter().map(|(_, c)| c.clone()).collect();
+    let path = session
+        .out
+        .join(format!("{}{}.csv", journal::PREFIX, slug(name)));
+    let (journal, mut before) = Journal::open(&path, &contexts)?;
+    session.journals.push(path);
+    // Rows alone make neither pictures nor saved predictions.
+    before.retain(|image, _| writer.is_none() && !session.wanted_pictures.contains(image));
+    let left: Vec<Sample> = session
+        .samples
+        .iter()
+        .filter(|sample| !before.contains_key(&sample.id))
+        .cloned()
+        .collect();
+    if !before.is_empty() {
+        session.note(&format!(
+            "note: {name}: {} of {} images were measured before the last run was interrupted; \
+             going on",
+            session.samples.len() - left.len(),
+            session.samples.len()
+        ));
+    }
     let task = Task {
         set: &session.set,
-        samples: &session.samples,
+        samples: &left,
         protocols: &with_context,
         pictures: &session.wanted_pictures,
     };
-    let progress = Progress::new(
-        name,
-        session.samples.len() as u64,
-        "images",
-        session.args.quiet,
-    );
-    let evaluation = predict::evaluate(
+    let progress = Progress::new(name, left.len() as u64, "images", session.args.quiet);
+    let mut evaluation = predict::evaluate(
         &task,
         name,
         predictor,
         &session.pool,
         &progress,
-        |sample, disparity| match writer {
-            Some(writer) => writer.push(&sample.id, disparity),
-            None => Ok(()),
-        },
+        &mut Recorder { writer, journal },
     )?;
     progress.finish();
+    if !before.is_empty() {
+        evaluation.rows.extend(before.into_values().flatten());
+        let order: Vec<&str> = session.samples.iter().map(|s| s.id.as_str()).collect();
+        let names: Vec<&str> = protocols.iter().map(|p| p.name.as_str()).collect();
+        tables::sort_rows(&mut evaluation.rows, &[name], &names, &order);
+    }
     Ok(evaluation)
 }
 
@@ -826,7 +1008,7 @@ fn keep(
     record: ModelRecord,
 ) -> anyhow::Result<()> {
     if !evaluation.comparisons.is_empty() {
-        let folder = session.args.out.join("pictures");
+        let folder = session.out.join("pictures");
         for comparison in &evaluation.comparisons {
             let name = format!("{}.png", slug(&comparison.image));
             let path = folder.join(slug(&record.name)).join(name);
@@ -848,10 +1030,52 @@ fn keep(
             evaluation.failures.len()
         ));
     }
+    let (counted, dead) = floored(&record.name, &evaluation.rows);
+    if let Some(text) = counted {
+        session.note(&format!("note: {text}"));
+    }
+    if let Some(text) = dead {
+        session.warn(text);
+    }
     session.failures.extend(evaluation.failures);
     session.rows.extend(evaluation.rows);
     session.records.push(record);
     Ok(())
+}
+
+/// What there is to say about pixels without disparity, which a protocol's floor keeps from
+/// infinity (PROTOCOL D8): how many there are, and whether an output is dead.
+fn floored(name: &str, rows: &[Row]) -> (Option<String>, Option<String>) {
+    let mut protocols: Vec<&str> = Vec::new();
+    for row in rows.iter().filter(|row| row.score.floored_pixels > 0) {
+        if !protocols.contains(&row.context.protocol.as_str()) {
+            protocols.push(&row.context.protocol);
+        }
+    }
+    let Some(protocol) = protocols.first() else {
+        return (None, None);
+    };
+    let own = || rows.iter().filter(|row| row.context.protocol == *protocol);
+    let sum = |count: fn(&Row) -> u64| own().map(count).sum::<u64>();
+    let dead: BTreeSet<&str> = own()
+        .filter(|row| row.score.floored_pixels == row.score.pixels)
+        .map(|row| row.image.as_str())
+        .collect();
+    let counted = format!(
+        "{name}: {} of {} pixels scored under {protocol} had a disparity of zero or nearly zero \
+         and were scored at its floor, far away (column floored_pixels of rows.csv)",
+        sum(|row| row.score.floored_pixels),
+        sum(|row| row.score.pixels)
+    );
+    let dead = dead.first().map(|first| {
+        format!(
+            "DEAD OUTPUT: model {name} gives no disparity above the floor in {} of {} images, \
+             such as {first}; its figures say nothing about depth",
+            dead.len(),
+            images_in(rows)
+        )
+    });
+    (Some(counted), dead)
 }
 
 fn images_in(rows: &[Row]) -> usize {
@@ -870,80 +1094,107 @@ fn write_results(
     let Session {
         args,
         set,
-        samples,
         pool,
-        rows,
-        failures,
+        out,
+        count,
         records,
         warnings,
-        incomplete,
-        protocols: asked_protocols,
+        rows,
+        failures,
         ..
     } = session;
-    let out = &args.out;
-    let count = tables::test_count(&set, &samples);
-    let coverage = Coverage {
-        expected_images: count.expected,
-        source: set.manifest.source.clone(),
-    };
-    tables::write_rows(out, &rows)?;
-    tables::write_failures(out, &failures)?;
-    let mut used: Vec<ProtocolRecord> = Vec::new();
-    for row in &rows {
-        if used.iter().any(|known| known.name == row.context.protocol) {
-            continue;
-        }
-        let asked = asked_protocols
-            .iter()
-            .flat_map(|asked| [asked.clone(), asked.clone().with_median_scaling()])
-            .find(|asked| asked.name == row.context.protocol);
-        if let Some(protocol) = asked.or_else(|| strat_metrics::protocol(&row.context.protocol)) {
-            used.push(ProtocolRecord::new(&protocol));
-        }
-    }
-    tables::write_record(
-        out,
-        &RunRecord {
-            tool: "bench".to_owned(),
-            tool_version: TOOL_VERSION.to_owned(),
-            arguments,
-            data: DataRecord {
-                path: args.data.clone(),
-                source: set.manifest.source.clone(),
-                content: set.manifest.content,
-                split_digest: set.manifest.split_digest.clone(),
-                data_digest: set.manifest.data_digest.clone(),
-                test_images_expected: count.expected,
-                test_images_found: count.found,
-                prepared_by: set.manifest.tool_version.clone(),
-            },
-            device: args.device.to_string(),
-            runtime: runtime.map_or_else(|| "none".to_owned(), ToString::to_string),
-            runtime_library: runtime.and_then(Runtime::library).map(Path::to_path_buf),
-            jobs: pool.current_num_threads(),
-            threads: args.threads.map_or(pool.current_num_threads(), usize::from),
-            models: records,
-            protocols: used,
-            warnings,
-            failures: failures.len(),
+    let record = RunRecord {
+        tool: "bench".to_owned(),
+        tool_version: TOOL_VERSION.to_owned(),
+        arguments,
+        data: DataRecord {
+            path: args.data.clone(),
+            source: set.manifest.source.clone(),
+            content: set.manifest.content,
+            split_digest: set.manifest.split_digest.clone(),
+            data_digest: set.manifest.data_digest.clone(),
+            test_images_expected: count.expected,
+            test_images_found: count.found,
+            prepared_by: set.manifest.tool_version.clone(),
         },
-    )?;
-    let nothing_measured = rows.is_empty() && (!args.models.is_empty() || args.median_baseline);
-    if nothing_measured {
+        tables: wanted.iter().map(ToString::to_string).collect(),
+        shard: args.shard,
+        device: args.device.to_string(),
+        runtime: runtime.map_or_else(|| "none".to_owned(), ToString::to_string),
+        runtime_library: runtime.and_then(Runtime::library).map(Path::to_path_buf),
+        jobs: pool.current_num_threads(),
+        threads: args.threads.map_or(pool.current_num_threads(), usize::from),
+        models: records,
+        protocols: session.used.iter().map(ProtocolRecord::new).collect(),
+        warnings,
+        failures: failures.len(),
+        complete: failures.is_empty() && !session.incomplete,
+    };
+    let asked = [&args.models, &args.predictions].map(Vec::len) != [0, 0] || args.median_baseline;
+    let outcome = Outcome {
+        record,
+        rows,
+        failures,
+    };
+    let code = match args.shard {
+        Some(shard) => {
+            outcome.write(&out)?;
+            session_note(
+                args.quiet,
+                &format!(
+                    "part {shard} is done; when all are, `bench merge {}` puts them together",
+                    args.out.display()
+                ),
+            );
+            if outcome.record.complete {
+                DONE
+            } else {
+                FAILED
+            }
+        }
+        None => conclude(&outcome, &out, wanted, asked, args.quiet)?,
+    };
+    for path in &session.journals {
+        files::remove(path)?;
+    }
+    Ok(code)
+}
+
+fn session_note(quiet: bool, text: &str) {
+    if !quiet {
+        eprintln!("{text}");
+    }
+}
+
+/// Writes everything that follows from the rows of a whole run and prints the tables.
+fn conclude(
+    outcome: &Outcome,
+    out: &Path,
+    wanted: &[strat_metrics::tables::ThesisTable],
+    asked: bool,
+    quiet: bool,
+) -> anyhow::Result<u8> {
+    let Outcome {
+        record,
+        rows,
+        failures,
+    } = outcome;
+    let expected = record.data.test_images_expected;
+    let coverage = Coverage {
+        expected_images: expected,
+        source: record.data.source.clone(),
+    };
+    outcome.write(out)?;
+    if rows.is_empty() && asked {
         eprintln!("error: nothing could be measured, so there is no table");
         return Ok(FAILED);
     }
-    let entries = tables::write_leaderboard(out, &rows, count.expected)?;
-    let written = tables::write_tables(out, wanted, &rows, &coverage)?;
+    let entries = tables::write_leaderboard(out, rows, expected)?;
+    let written = tables::write_tables(out, wanted, rows, &coverage)?;
     let mut texts: Vec<String> = written.iter().map(|table| table.text()).collect();
     texts.extend(Some(tables::beside_tables(&entries, wanted)).filter(|text| !text.is_empty()));
     print(&texts.join("\n"))?;
-    if !args.quiet {
-        eprintln!("results are in {}", out.display());
-    }
-    if failures.is_empty() && !incomplete {
-        return Ok(DONE);
-    }
+    session_note(quiet, &format!("results are in {}", out.display()));
     if !failures.is_empty() {
         eprintln!(
             "error: {} result(s) are missing; they are listed in {}",
@@ -951,7 +1202,7 @@ fn write_results(
             out.join("failures.csv").display()
         );
     }
-    Ok(FAILED)
+    Ok(if record.complete { DONE } else { FAILED })
 }
 
 #[cfg(test)]
@@ -967,7 +1218,7 @@ mod tests {
     #[test]
     fn models_get_names() {
         let texts = ["runs/a/model.onnx", "b.onnx", "Mine=c.onnx"].map(String::from);
-        let names: Vec<String> = asked_models(&texts, true)
+        let names: Vec<String> = asked_files("model", &texts, &[baseline::NAME])
             .unwrap()
             .into_iter()
             .map(|asked| asked.name)
@@ -978,7 +1229,7 @@ mod tests {
             ["=a.onnx", "b.onnx"],
             ["a=", "b.onnx"],
         ] {
-            assert!(asked_models(&wrong.map(String::from), false).is_err());
+            assert!(asked_files("model", &wrong.map(String::from), &[]).is_err());
         }
     }
 

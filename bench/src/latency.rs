@@ -328,7 +328,7 @@ impl<'a> Bench<'a> {
             .par_iter()
             .map(|shot| prepare(shot, input).map(|(tensor, _)| tensor))
             .collect::<Result<Vec<_>, _>>()?;
-        let meaning = model.description.output.meaning;
+        let meaning = model.description.output.meaning();
         let rig = shots.iter().all(|shot| shot.rig.is_some());
         let quantity = natural(meaning, shots[0].rig.filter(|_| rig));
         let compared = batches
@@ -494,7 +494,7 @@ impl<'a> Bench<'a> {
             planes.extend(model.predict_batch(tensor, chunk.len())?);
         }
         let (meaning, width) = (
-            model.description.output.meaning,
+            model.description.output.meaning(),
             model.description.input.width,
         );
         pool.install(|| {

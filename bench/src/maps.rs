@@ -92,7 +92,9 @@ pub enum NoSuchQuantity {
 pub fn natural(meaning: OutputMeaning, rig: Option<Rig>) -> Quantity {
     match (meaning, rig) {
         (OutputMeaning::InverseDepth, _) => Quantity::InverseDepth,
-        (OutputMeaning::DepthM, _) | (_, Some(_)) => Quantity::DepthM,
+        (OutputMeaning::DepthM | OutputMeaning::InverseDepthPerM, _) | (_, Some(_)) => {
+            Quantity::DepthM
+        }
         (OutputMeaning::DisparityFraction | OutputMeaning::DisparityPx, None) => {
             Quantity::DisparityPx
         }
@@ -173,7 +175,16 @@ impl Conversion {
         };
         let data = &mut map.data;
         match (self.meaning, self.quantity) {
-            (OutputMeaning::InverseDepth, _) | (OutputMeaning::DepthM, Quantity::DepthM) => {}
+            (OutputMeaning::InverseDepth, _)
+            | (OutputMeaning::InverseDepthPerM, Quantity::InverseDepth)
+            | (OutputMeaning::DepthM, Quantity::DepthM) => {}
+            (OutputMeaning::InverseDepthPerM, Quantity::DepthM) => each(data, over(1.0)),
+            (OutputMeaning::InverseDepthPerM, Quantity::DisparityFraction) => {
+                each(data, times(product));
+            }
+            (OutputMeaning::InverseDepthPerM, Quantity::DisparityPx) => {
+                each(data, times(product * width));
+            }
             (OutputMeaning::DepthM, Quantity::InverseDepth) => each(data, over(1.0)),
             (OutputMeaning::DepthM, Quantity::DisparityFraction) => each(data, over(product)),
             (OutputMeaning::DepthM, Quantity::DisparityPx) => each(data, over(product * width)),
@@ -487,6 +498,7 @@ mod tests {
         for (meaning, value) in [
             (From::DisparityFraction, 0.035),
             (From::DisparityPx, 17.5),
+            (From::InverseDepthPerM, 0.1),
             (From::DepthM, 10.0),
         ] {
             for (quantity, expected) in [

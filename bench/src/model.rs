@@ -115,6 +115,107 @@ pub enum ChannelOrder {
     Bgr,
 }
 
+/// Order of a tensor's dimensions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Layout {
+    /// Batch, channel, row, column (PyTorch).
+    #[default]
+    Nchw,
+    /// Batch, row, column, channel (TensorFlow).
+    Nhwc,
+}
+
+/// A sigmoid that stands for inverse depth between two limits, as monodepth2's does: a value s is
+/// 1/max + (1/min - 1/max) s.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sigmoid {
+    /// Depth where the sigmoid is 1, in the model's own unit.
+    pub min_depth: f64,
+    /// Depth where it is 0.
+    pub max_depth: f64,
+}
+
+/// What numbers that speak of depth are: the part of a description that models and saved
+/// predictions have in common.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Numbers {
+    /// What they are, after the sigmoid and before the scale.
+    pub meaning: OutputMeaning,
+    /// The sigmoid that they went through.
+    pub sigmoid: Option<Sigmoid>,
+    /// Depth in metres is this many times the depth that the numbers say.
+    pub scale: Option<f64>,
+}
+
+impl Numbers {
+    /// # Errors
+    /// The values contradict each other or are out of range; a sentence.
+    pub fn check(&self) -> Result<(), String> {
+        let inverse = matches!(
+            self.meaning,
+            OutputMeaning::InverseDepth | OutputMeaning::InverseDepthPerM
+        );
+        if let Some(Sigmoid {
+            min_depth,
+            max_depth,
+        }) = self.sigmoid
+        {
+            if !inverse {
+                return Err(format!(
+                    "`sigmoid` makes inverse depth, so the meaning must be inverse_depth, not {}",
+                    self.meaning
+                ));
+            }
+            if !(min_depth > 0.0 && min_depth < max_depth && max_depth.is_finite()) {
+                return Err(format!(
+                    "`sigmoid` needs 0 < min_depth < max_depth, not {min_depth} and {max_depth}"
+                ));
+            }
+        }
+        match self.scale {
+            Some(scale) if !(scale > 0.0 && scale.is_finite()) => Err(format!(
+                "`scale` must be a positive number, not {scale}; a scale that is to be found \
+                 image by image is left out"
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// What the numbers are once [`apply`](Self::apply) has been over them.
+    #[must_use]
+    pub fn meaning(&self) -> OutputMeaning {
+        match (self.meaning, self.scale) {
+            (OutputMeaning::InverseDepth, Some(_)) => OutputMeaning::InverseDepthPerM,
+            (meaning, _) => meaning,
+        }
+    }
+
+    /// Undoes the sigmoid and brings in the scale. Both are linear, so it does not matter whether
+    /// a map is resized before or after.
+    pub fn apply(&self, data: &mut [f32]) {
+        let (mut factor, mut offset) = (1.0, 0.0);
+        if let Some(sigmoid) = self.sigmoid {
+            offset = 1.0 / sigmoid.max_depth;
+            factor = 1.0 / sigmoid.min_depth - offset;
+        }
+        if let Some(scale) = self.scale {
+            let scale = match self.meaning {
+                OutputMeaning::DepthM => scale,
+                _ => 1.0 / scale,
+            };
+            factor *= scale;
+            offset *= scale;
+        }
+        if (factor, offset) != (1.0, 0.0) {
+            for value in data {
+                *value = (f64::from(*value) * factor + offset) as f32;
+            }
+        }
+    }
+}
+
 /// What a model takes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -137,6 +238,9 @@ pub struct InputDescription {
     /// Order of the channels.
     #[serde(default)]
     pub channels: ChannelOrder,
+    /// Order of the dimensions.
+    #[serde(default)]
+    pub layout: Layout,
     /// Kernel with which an image is brought to the input size.
     #[serde(default = "area")]
     pub kernel: Kernel,
@@ -159,9 +263,36 @@ pub struct OutputDescription {
     pub name: Option<String>,
     /// What its numbers are.
     pub meaning: OutputMeaning,
+    /// A sigmoid to be undone first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigmoid: Option<Sigmoid>,
+    /// Depth in metres is this many times the depth that the numbers say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
     /// Which channel belongs to the left image.
     #[serde(default)]
     pub channel: usize,
+    /// Order of the dimensions.
+    #[serde(default)]
+    pub layout: Layout,
+}
+
+impl OutputDescription {
+    /// What its numbers are, before anything is done to them.
+    #[must_use]
+    pub fn numbers(&self) -> Numbers {
+        Numbers {
+            meaning: self.meaning,
+            sigmoid: self.sigmoid,
+            scale: self.scale,
+        }
+    }
+
+    /// What the numbers of [`Model::predict`] are.
+    #[must_use]
+    pub fn meaning(&self) -> OutputMeaning {
+        self.numbers().meaning()
+    }
 }
 
 /// What the tensors of a model mean; the YAML file beside a foreign model holds exactly this.
@@ -298,14 +429,14 @@ impl Model {
         })
     }
 
-    /// Runs the model on a prepared input `[1, 3, height, width]` and returns the plane that
-    /// belongs to the left image, in the units of the description.
+    /// Runs the model on an input of [`prepare_input`] and returns the plane that belongs to the
+    /// left image; its numbers are [`OutputDescription::meaning`].
     ///
     /// # Errors
     /// The runtime fails, the output is missing, has another shape, or holds NaN or infinity.
     pub fn predict(&mut self, input: &[f32]) -> Result<Plane, ModelError> {
         let output = self.run(input, 1)?;
-        left_plane(output, self.description.output.channel)
+        left_plane(output, &self.description.output)
     }
 
     /// As [`predict`](Self::predict) for `count` inputs laid one behind the other; one plane each.
@@ -337,7 +468,7 @@ impl Model {
                     shape: [&[1], rest].concat(),
                     data: output.data[index * each..(index + 1) * each].to_vec(),
                 };
-                left_plane(one, self.description.output.channel)
+                left_plane(one, &self.description.output)
             })
             .collect()
     }
@@ -351,14 +482,17 @@ impl Model {
             self.description.input.width as usize,
             self.description.input.height as usize,
         );
-        let outputs = self
-            .session
-            .run(&self.input, [count, 3, height, width], input)?;
+        let shape = match self.description.input.layout {
+            Layout::Nchw => [count, 3, height, width],
+            Layout::Nhwc => [count, height, width, 3],
+        };
+        let outputs = self.session.run(&self.input, shape, input)?;
         find(outputs, &self.output)
     }
 }
 
-/// Brings an image to the input size and into the input's numbers, `[3, height, width]`.
+/// Brings an image to the input size and into the input's numbers, `[3, height, width]` or, where
+/// the input is laid out so, `[height, width, 3]`.
 #[must_use]
 pub fn prepare_input(image: &RgbImage, input: &InputDescription) -> Vec<f32> {
     let resized;
@@ -385,13 +519,28 @@ pub fn prepare_input(image: &RgbImage, input: &InputDescription) -> Vec<f32> {
             *value = (colour - mean) / std;
         }
     }
-    tensor
+    match input.layout {
+        Layout::Nchw => tensor,
+        Layout::Nhwc => {
+            let [red, green, blue] = [0, 1, 2].map(|place| &tensor[place * plane..][..plane]);
+            let pixels = red.iter().zip(green).zip(blue);
+            pixels.flat_map(|((r, g), b)| [*r, *g, *b]).collect()
+        }
+    }
 }
 
-/// Mirrors an input `[3, height, width]` left to right, in place.
-pub fn mirror_input(input: &mut [f32], width: usize) {
-    for row in input.chunks_exact_mut(width) {
-        row.reverse();
+/// Mirrors an input of [`prepare_input`] left to right, in place.
+pub fn mirror_input(tensor: &mut [f32], input: &InputDescription) {
+    let width = input.width as usize;
+    match input.layout {
+        Layout::Nchw => tensor.chunks_exact_mut(width).for_each(<[f32]>::reverse),
+        Layout::Nhwc => {
+            for row in tensor.chunks_exact_mut(3 * width) {
+                row.reverse();
+                // The channels of each pixel were turned round as well.
+                row.chunks_exact_mut(3).for_each(<[f32]>::reverse);
+            }
+        }
     }
 }
 
@@ -420,6 +569,11 @@ fn describe(file: &ModelFile) -> Result<Description, ModelError> {
                     .to_owned(),
             });
         }
+        let numbers = description.output.numbers().check();
+        numbers.map_err(|reason| ModelError::Metadata {
+            model: yaml,
+            reason,
+        })?;
         return Ok(description);
     }
     let Some(metadata) = file.info.metadata() else {
@@ -451,12 +605,16 @@ fn describe(file: &ModelFile) -> Result<Description, ModelError> {
             mean: [0.0; 3],
             std: ones(),
             channels: ChannelOrder::Rgb,
+            layout: Layout::Nchw,
             kernel,
         },
         output: OutputDescription {
             name: None,
             meaning: metadata.output,
+            sigmoid: None,
+            scale: None,
             channel: 0,
+            layout: Layout::Nchw,
         },
     })
 }
@@ -493,7 +651,11 @@ fn check_input(tensor: &TensorInfo, input: &InputDescription) -> Result<(), Stri
             tensor.name
         ));
     }
-    let wanted = [1, 3, input.height as usize, input.width as usize];
+    let (height, width) = (input.height as usize, input.width as usize);
+    let wanted = match input.layout {
+        Layout::Nchw => [1, 3, height, width],
+        Layout::Nhwc => [1, height, width, 3],
+    };
     let fits = tensor.dims.as_ref().is_none_or(|dims| {
         dims.len() == wanted.len()
             && dims
@@ -504,8 +666,13 @@ fn check_input(tensor: &TensorInfo, input: &InputDescription) -> Result<(), Stri
     if fits {
         return Ok(());
     }
+    let other = match input.layout {
+        Layout::Nchw => "nhwc",
+        Layout::Nhwc => "nchw",
+    };
     Err(format!(
-        "the input `{}` has the shape {}, but {wanted:?} is to be given",
+        "the input `{}` has the shape {}, but {wanted:?} is to be given (width, height and \
+         `layout: {other}` of the description decide)",
         tensor.name,
         tensor.dims.as_deref().map(dims_text).unwrap_or_default()
     ))
@@ -522,25 +689,35 @@ fn find(outputs: Vec<Output>, wanted: &str) -> Result<Output, ModelError> {
         })
 }
 
-/// Takes one channel out of `[1, c, h, w]`, `[1, h, w]` or `[h, w]`.
-fn left_plane(output: Output, channel: usize) -> Result<Plane, ModelError> {
-    let (channels, height, width) = match *output.shape.as_slice() {
-        [1, c, h, w] => (c, h, w),
-        [1, h, w] | [h, w] => (1, h, w),
+/// Takes the left image's channel out of `[1, c, h, w]` or `[1, h, w, c]`, `[1, h, w]` or
+/// `[h, w]`, and undoes what the description says was done to it.
+fn left_plane(output: Output, description: &OutputDescription) -> Result<Plane, ModelError> {
+    let channel = description.channel;
+    let (channels, height, width) = match (output.shape.as_slice(), description.layout) {
+        (&[1, c, h, w], Layout::Nchw) | (&[1, h, w, c], Layout::Nhwc) => (c, h, w),
+        (&[1, h, w] | &[h, w], _) => (1, h, w),
         _ => (0, 0, 0),
     };
     let plane = height.saturating_mul(width);
     let start = channel.saturating_mul(plane);
     if plane == 0 || channel >= channels || output.data.len() != channels.saturating_mul(plane) {
         return Err(ModelError::OutputShape {
-            expected: format!("[1, {} or more, height, width]", channel + 1),
+            expected: match description.layout {
+                Layout::Nchw => format!("[1, {} or more, height, width]", channel + 1),
+                Layout::Nhwc => format!("[1, height, width, {} or more]", channel + 1),
+            },
             found: output.shape,
             name: output.name,
         });
     }
     let mut data = output.data;
-    data.truncate(start + plane);
-    data.drain(..start);
+    match description.layout {
+        Layout::Nchw => {
+            data.truncate(start + plane);
+            data.drain(..start);
+        }
+        Layout::Nhwc => data = data.into_iter().skip(channel).step_by(channels).collect(),
+    }
     if let Some(first) = data.iter().position(|value| !value.is_finite()) {
         return Err(ModelError::NotFinite {
             name: output.name,
@@ -550,6 +727,7 @@ fn left_plane(output: Output, channel: usize) -> Result<Plane, ModelError> {
             total: plane,
         });
     }
+    description.numbers().apply(&mut data);
     Ok(Plane {
         width,
         height,
@@ -560,6 +738,18 @@ fn left_plane(output: Output, channel: usize) -> Result<Plane, ModelError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Disparity in the given channel, channels first.
+    fn channel(channel: usize) -> OutputDescription {
+        OutputDescription {
+            name: None,
+            meaning: OutputMeaning::DisparityFraction,
+            sigmoid: None,
+            scale: None,
+            channel,
+            layout: Layout::Nchw,
+        }
+    }
 
     fn output(shape: &[usize], data: Vec<f32>) -> Output {
         Output {
@@ -572,15 +762,22 @@ mod tests {
     #[test]
     fn the_left_plane_is_the_stated_channel() {
         let data: Vec<f32> = (0..12_u8).map(f32::from).collect();
-        let plane = left_plane(output(&[1, 2, 2, 3], data.clone()), 0).unwrap();
+        let plane = left_plane(output(&[1, 2, 2, 3], data.clone()), &channel(0)).unwrap();
         assert_eq!(plane.data, data[..6]);
-        let plane = left_plane(output(&[1, 2, 2, 3], data.clone()), 1).unwrap();
+        let plane = left_plane(output(&[1, 2, 2, 3], data.clone()), &channel(1)).unwrap();
         assert_eq!(plane.data, data[6..]);
         assert_eq!((plane.width, plane.height), (3, 2));
-        let plane = left_plane(output(&[1, 3, 4], data.clone()), 0).unwrap();
+        let plane = left_plane(output(&[1, 3, 4], data.clone()), &channel(0)).unwrap();
         assert_eq!((plane.width, plane.height), (4, 3));
-        for (shape, channel) in [(&[2, 1, 2, 3][..], 0), (&[1, 2, 2, 3], 2), (&[12], 0)] {
-            let error = left_plane(output(shape, data.clone()), channel).unwrap_err();
+        let last = OutputDescription {
+            layout: Layout::Nhwc,
+            ..channel(1)
+        };
+        let plane = left_plane(output(&[1, 2, 3, 2], data.clone()), &last).unwrap();
+        assert_eq!(plane.data, [1.0, 3.0, 5.0, 7.0, 9.0, 11.0]);
+        assert_eq!((plane.width, plane.height), (3, 2));
+        for (shape, number) in [(&[2, 1, 2, 3][..], 0), (&[1, 2, 2, 3], 2), (&[12], 0)] {
+            let error = left_plane(output(shape, data.clone()), &channel(number)).unwrap_err();
             assert!(error.to_string().contains("shape"), "{error}");
         }
     }
@@ -590,7 +787,7 @@ mod tests {
         let mut data = vec![0.1; 6];
         data[4] = f32::NAN;
         data[5] = f32::INFINITY;
-        let error = left_plane(output(&[1, 1, 2, 3], data), 0).unwrap_err();
+        let error = left_plane(output(&[1, 1, 2, 3], data), &channel(0)).unwrap_err();
         assert!(
             error.to_string().contains("row 1, column 1 (2 of 6 values"),
             "{error}"
@@ -610,6 +807,7 @@ mod tests {
             mean: [0.0; 3],
             std: [1.0; 3],
             channels: ChannelOrder::Rgb,
+            layout: Layout::Nchw,
             kernel: Kernel::Area,
         };
         assert_eq!(
@@ -624,8 +822,14 @@ mod tests {
             [0.2, 1.0, 0.0, 0.4, 1.0, -1.0]
         );
         let mut tensor = prepare_input(&image, &input);
-        mirror_input(&mut tensor, 2);
+        mirror_input(&mut tensor, &input);
         assert_eq!(tensor, [1.0, 0.2, 0.4, 0.0, -1.0, 1.0]);
+
+        input.layout = Layout::Nhwc;
+        let mut tensor = prepare_input(&image, &input);
+        assert_eq!(tensor, [0.2, 0.0, 1.0, 1.0, 0.4, -1.0]);
+        mirror_input(&mut tensor, &input);
+        assert_eq!(tensor, [1.0, 0.4, -1.0, 0.2, 0.0, 1.0]);
     }
 
     #[test]
@@ -636,5 +840,53 @@ mod tests {
         assert_eq!(description.output.meaning, OutputMeaning::DepthM);
         let wrong = text.replace("meaning", "meanin");
         assert!(serde_yaml::from_str::<Description>(&wrong).is_err());
+    }
+
+    /// monodepth2's own numbers: a sigmoid between 0.1 and 100, depth times 5.4 for stereo models.
+    #[test]
+    fn sigmoid_and_scale_make_metres() {
+        let mut numbers = Numbers {
+            meaning: OutputMeaning::InverseDepth,
+            sigmoid: Some(Sigmoid {
+                min_depth: 0.1,
+                max_depth: 100.0,
+            }),
+            scale: None,
+        };
+        assert_eq!(numbers.meaning(), OutputMeaning::InverseDepth);
+        let applied = |numbers: &Numbers, value: f32| {
+            numbers.check().unwrap();
+            let mut data = [value];
+            numbers.apply(&mut data);
+            data[0]
+        };
+        assert_eq!(applied(&numbers, 0.0), 0.01);
+        assert_eq!(applied(&numbers, 1.0), 10.0);
+        numbers.scale = Some(5.4);
+        assert_eq!(numbers.meaning(), OutputMeaning::InverseDepthPerM);
+        // Depth 1 / (0.01 + 9.99 * 0.05) = 1.96270854 in the model's unit, 10.5986 m.
+        let depth_m = 1.0 / applied(&numbers, 0.05);
+        assert!((depth_m - 5.4 / 0.5095).abs() < 1e-5, "{depth_m}");
+
+        numbers.sigmoid = None;
+        assert_eq!(applied(&numbers, 2.7), 0.5);
+        numbers.meaning = OutputMeaning::DepthM;
+        assert_eq!(applied(&numbers, 2.0), 10.8);
+        assert_eq!(numbers.meaning(), OutputMeaning::DepthM);
+
+        numbers.scale = Some(0.0);
+        assert!(numbers.check().unwrap_err().contains("positive number"));
+        numbers.scale = None;
+        numbers.sigmoid = Some(Sigmoid {
+            min_depth: 0.1,
+            max_depth: 100.0,
+        });
+        assert!(numbers.check().unwrap_err().contains("inverse_depth"));
+        numbers.meaning = OutputMeaning::InverseDepth;
+        numbers.sigmoid = Some(Sigmoid {
+            min_depth: 2.0,
+            max_depth: 1.0,
+        });
+        assert!(numbers.check().unwrap_err().contains("min_depth"));
     }
 }

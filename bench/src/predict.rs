@@ -14,6 +14,7 @@ use std::collections::BTreeSet;
 
 use image::RgbImage;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use strat_metrics::{
     Camera, EvaluateError, GroundTruth, GroundTruthKind, Grouping, ImageScore, PostProcessing,
     Protocol, Resize, Row, RowContext,
@@ -29,7 +30,8 @@ use strat_store::{
 
 use crate::{
     baseline::MedianDepth,
-    model::{self, Description, Model, ModelError},
+    model::{self, InputDescription, Model, ModelError},
+    saved::{SavedError, SavedPredictions},
 };
 
 /// After this many failures without a single success the rest is not tried.
@@ -78,6 +80,9 @@ pub enum SampleError {
     /// The model failed on this image.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// There is no usable saved prediction for this image.
+    #[error(transparent)]
+    Saved(#[from] SavedError),
     /// The image cannot be scored under a protocol.
     #[error("{protocol}: {source}")]
     Evaluate {
@@ -89,7 +94,7 @@ pub enum SampleError {
 }
 
 /// An image without a row, or with fewer rows than protocols.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Failure {
     /// Name of the model.
     pub model: String,
@@ -103,6 +108,9 @@ pub struct Failure {
 pub enum Predictor<'a> {
     /// A network.
     Model(&'a mut Model),
+    /// What a network once gave. There is no mirrored image, so protocols with post-processing
+    /// are not for it.
+    Saved(&'a SavedPredictions),
     /// The same depth map for every image.
     MedianDepth(&'a MedianDepth),
 }
@@ -115,8 +123,32 @@ pub struct Task<'a> {
     pub samples: &'a [Sample],
     /// Protocols with the context of their rows.
     pub protocols: &'a [(Protocol, RowContext)],
-    /// Indices of samples of which a picture is wanted.
-    pub pictures: &'a BTreeSet<usize>,
+    /// Ids of samples of which a picture is wanted.
+    pub pictures: &'a BTreeSet<String>,
+}
+
+/// Is told what an evaluation has found while it goes on, in the order of the images, on the
+/// calling thread. An error ends the evaluation.
+pub trait Observer {
+    /// Why it goes no further.
+    type Error;
+
+    /// A network gave this disparity as a fraction of image width, at network size; `None` from
+    /// networks that give something else.
+    ///
+    /// # Errors
+    /// The evaluation is to end.
+    fn predicted(
+        &mut self,
+        image: &str,
+        disparity_fraction: Option<&Plane>,
+    ) -> Result<(), Self::Error>;
+
+    /// These are all rows of one image.
+    ///
+    /// # Errors
+    /// The evaluation is to end.
+    fn scored(&mut self, rows: &[Row]) -> Result<(), Self::Error>;
 }
 
 /// Everything needed to draw one comparison.
@@ -150,18 +182,29 @@ pub struct Evaluation {
 enum Prediction {
     /// Disparity as a fraction of image width.
     DisparityFraction(Plane),
+    /// Inverse depth in 1/m.
+    InverseDepthPerM(Plane),
     /// Depth in metres, resized as depth: the form a model of depth gives.
     DepthM(Plane),
     /// Depth in metres of a baseline; becomes the disparity of each image's camera first.
     ConstantDepthM(Plane),
 }
 
-/// An image on its way to the model.
-struct Prepared {
-    /// `[3, height, width]`.
-    tensor: Vec<f32>,
-    /// The image itself, where a picture is wanted.
-    image: Option<RgbImage>,
+/// Where predictions come from, as far as the worker threads are concerned.
+#[derive(Clone, Copy)]
+enum Source<'a> {
+    /// A network with this input, which runs on the calling thread.
+    Network(&'a InputDescription),
+    Saved(&'a SavedPredictions),
+    MedianDepth(&'a MedianDepth),
+}
+
+/// An image on its way to the metrics; the image itself where a picture is wanted.
+enum Prepared {
+    /// What [`model::prepare_input`] gives, for the network.
+    Input(Vec<f32>, Option<RgbImage>),
+    /// Needs no network.
+    Predicted(Predicted),
 }
 
 /// A prediction on its way to the metrics.
@@ -180,35 +223,31 @@ struct Scored {
 
 /// Predicts and scores all samples of a task.
 ///
-/// `on_prediction` is told each image's disparity as a fraction of image width at network size,
-/// in order, on the calling thread (`None` from models that give depth); an error from it ends the
-/// run.
-///
 /// # Errors
-/// Only what `on_prediction` returns; everything that concerns one image is a [`Failure`].
-pub fn evaluate<E>(
+/// Only what the observer returns; everything that concerns one image is a [`Failure`].
+pub fn evaluate<O: Observer>(
     task: &Task<'_>,
     name: &str,
     predictor: &mut Predictor<'_>,
     pool: &rayon::ThreadPool,
     progress: &Progress,
-    mut on_prediction: impl FnMut(&Sample, Option<&Plane>) -> Result<(), E>,
-) -> Result<Evaluation, E> {
+    observer: &mut O,
+) -> Result<Evaluation, O::Error> {
     let flip = task
         .protocols
         .iter()
         .any(|(protocol, _)| protocol.post_processing == PostProcessing::Flip);
-    let description = match predictor {
-        Predictor::Model(model) => Some(model.description.clone()),
-        Predictor::MedianDepth(_) => None,
+    let input;
+    let source = match predictor {
+        Predictor::Model(model) => {
+            input = model.description.input.clone();
+            Source::Network(&input)
+        }
+        Predictor::Saved(saved) => Source::Saved(saved),
+        Predictor::MedianDepth(median) => Source::MedianDepth(median),
     };
     let chunk_size = 2 * pool.current_num_threads().max(1);
-    let chunks: Vec<(usize, &[Sample])> = task
-        .samples
-        .chunks(chunk_size)
-        .enumerate()
-        .map(|(number, chunk)| (number * chunk_size, chunk))
-        .collect();
+    let chunks: Vec<&[Sample]> = task.samples.chunks(chunk_size).collect();
 
     let mut rows: Vec<Vec<Row>> = vec![Vec::new(); task.protocols.len()];
     let mut outcome = Evaluation::default();
@@ -223,20 +262,16 @@ pub fn evaluate<E>(
         let to_run = std::mem::take(&mut prepared);
         let mut told = Ok(());
         pool.in_place_scope(|scope| {
-            if let (Some(&(first, chunk)), Some(description)) = (chunks.get(step), &description) {
+            if let Some(chunk) = chunks.get(step) {
                 let next_prepared = &mut next_prepared;
                 scope.spawn(move |_| {
                     *next_prepared = chunk
                         .par_iter()
-                        .enumerate()
-                        .map(|(offset, sample)| {
-                            let keep = task.pictures.contains(&(first + offset));
-                            prepare(task.set, sample, description, keep)
-                        })
+                        .map(|sample| prepare(task, sample, source))
                         .collect();
                 });
             }
-            if let Some(&(_, chunk)) = step.checked_sub(2).and_then(|s| chunks.get(s)) {
+            if let Some(chunk) = step.checked_sub(2).and_then(|s| chunks.get(s)) {
                 let scored = &mut scored;
                 scope.spawn(move |_| {
                     *scored = chunk
@@ -246,45 +281,40 @@ pub fn evaluate<E>(
                         .collect();
                 });
             }
-            if let Some((first, chunk)) = step.checked_sub(1).and_then(|s| chunks.get(s)) {
-                match predictor {
-                    Predictor::Model(model) => {
-                        for (sample, prepared) in chunk.iter().zip(to_run) {
-                            let result = prepared.and_then(|input| run(model, input, flip));
-                            if told.is_ok()
-                                && let Ok(predicted) = &result
-                            {
-                                told = match &predicted.plain {
-                                    Prediction::DisparityFraction(plane) => {
-                                        on_prediction(sample, Some(plane))
-                                    }
-                                    _ => on_prediction(sample, None),
+            if let Some(chunk) = step.checked_sub(1).and_then(|s| chunks.get(s)) {
+                for (sample, prepared) in chunk.iter().zip(to_run) {
+                    let result = match (prepared, &mut *predictor) {
+                        (Ok(Prepared::Input(tensor, image)), Predictor::Model(model)) => {
+                            let result = run(model, tensor, image, flip);
+                            if let (Ok(()), Ok(Predicted { plain, .. })) = (&told, &result) {
+                                let disparity = match plain {
+                                    Prediction::DisparityFraction(plane) => Some(plane),
+                                    _ => None,
                                 };
+                                told = observer.predicted(&sample.id, disparity);
                             }
-                            next_predicted.push(result);
+                            result
                         }
-                    }
-                    Predictor::MedianDepth(median) => {
-                        for (offset, sample) in chunk.iter().enumerate() {
-                            let wanted = task.pictures.contains(&(first + offset));
-                            let image = wanted.then(|| load_image(task.set, sample).ok()).flatten();
-                            next_predicted.push(Ok(Predicted {
-                                plain: Prediction::ConstantDepthM(median.depth_m.clone()),
-                                // A constant map has no left or right to mend.
-                                flipped: None,
-                                image,
-                            }));
+                        (Ok(Prepared::Predicted(predicted)), _) => Ok(predicted),
+                        (Ok(Prepared::Input(..)), _) => {
+                            Err(SampleError::Missing { what: "network" })
                         }
-                    }
+                        (Err(error), _) => Err(error),
+                    };
+                    next_predicted.push(result);
                 }
             }
         });
         told?;
         prepared = next_prepared;
         predicted = next_predicted;
-        if let Some((_, chunk)) = step.checked_sub(2).and_then(|s| chunks.get(s)) {
+        if let Some(chunk) = step.checked_sub(2).and_then(|s| chunks.get(s)) {
             for (sample, scored) in chunk.iter().zip(scored) {
-                collect(task, name, sample, scored, &mut rows, &mut outcome);
+                let own = collect(task, name, sample, scored, &mut outcome);
+                observer.scored(&own.concat())?;
+                for (rows, own) in rows.iter_mut().zip(own) {
+                    rows.extend(own);
+                }
             }
             progress.add(chunk.len() as u64);
         }
@@ -297,15 +327,15 @@ pub fn evaluate<E>(
     Ok(outcome)
 }
 
-/// Puts the result of one image where it belongs.
+/// Makes rows of the result of one image, by protocol, and puts the rest where it belongs.
 fn collect(
     task: &Task<'_>,
     name: &str,
     sample: &Sample,
     scored: Result<Scored, SampleError>,
-    rows: &mut [Vec<Row>],
     outcome: &mut Evaluation,
-) {
+) -> Vec<Vec<Row>> {
+    let mut rows = Vec::new();
     let mut fail = |error: SampleError| {
         outcome.failures.push(Failure {
             model: name.to_owned(),
@@ -316,21 +346,18 @@ fn collect(
     match scored {
         Err(error) => fail(error),
         Ok(scored) => {
-            for ((result, rows), (_, context)) in
-                scored.scores.into_iter().zip(rows).zip(task.protocols)
-            {
-                match result {
-                    Ok(scores) => rows.extend(
-                        scores
-                            .into_iter()
-                            .map(|score| Row::new(context, sample.id.clone(), score)),
-                    ),
-                    Err(error) => fail(error),
-                }
+            for (result, (_, context)) in scored.scores.into_iter().zip(task.protocols) {
+                let scores = result.unwrap_or_else(|error| {
+                    fail(error);
+                    Vec::new()
+                });
+                let row = |score| Row::new(context, sample.id.clone(), score);
+                rows.push(scores.into_iter().map(row).collect());
             }
             outcome.comparisons.extend(scored.comparison);
         }
     }
+    rows
 }
 
 /// The image that a model is shown: the untouched one where the set has it.
@@ -349,26 +376,42 @@ fn load_image(set: &PreparedSet, sample: &Sample) -> Result<RgbImage, SampleErro
     Ok(image)
 }
 
-fn prepare(
-    set: &PreparedSet,
-    sample: &Sample,
-    description: &Description,
-    keep_image: bool,
-) -> Result<Prepared, SampleError> {
-    let image = load_image(set, sample)?;
-    Ok(Prepared {
-        tensor: model::prepare_input(&image, &description.input),
-        image: keep_image.then_some(image),
-    })
+fn prepare(task: &Task<'_>, sample: &Sample, source: Source<'_>) -> Result<Prepared, SampleError> {
+    let wanted = task.pictures.contains(&sample.id);
+    let plain = match source {
+        Source::Network(input) => {
+            let image = load_image(task.set, sample)?;
+            let tensor = model::prepare_input(&image, input);
+            return Ok(Prepared::Input(tensor, wanted.then_some(image)));
+        }
+        Source::Saved(saved) => {
+            let map = saved.map(&sample.id)?;
+            let width = map.width as f32;
+            as_prediction(map, saved.meaning(), width)
+        }
+        Source::MedianDepth(median) => Prediction::ConstantDepthM(median.depth_m.clone()),
+    };
+    // The image is for the picture alone; without it there is none.
+    let image = wanted.then(|| load_image(task.set, sample).ok()).flatten();
+    Ok(Prepared::Predicted(Predicted {
+        plain,
+        // A constant map has no left or right to mend.
+        flipped: None,
+        image,
+    }))
 }
 
 /// Runs the model once, or twice where flip post-processing is wanted as well.
-fn run(model: &mut Model, input: Prepared, flip: bool) -> Result<Predicted, SampleError> {
-    let mut tensor = input.tensor;
+fn run(
+    model: &mut Model,
+    mut tensor: Vec<f32>,
+    image: Option<RgbImage>,
+    flip: bool,
+) -> Result<Predicted, SampleError> {
     let plain = model.predict(&tensor)?;
     let mut flipped = None;
     if flip {
-        model::mirror_input(&mut tensor, model.description.input.width as usize);
+        model::mirror_input(&mut tensor, &model.description.input);
         let mirrored = model.predict(&tensor)?;
         flipped = Some(Plane {
             data: strat_metrics::flip_blend(&plain.data, &mirrored.data, plain.width),
@@ -376,15 +419,16 @@ fn run(model: &mut Model, input: Prepared, flip: bool) -> Result<Predicted, Samp
         });
     }
     let width = model.description.input.width as f32;
-    let meaning = model.description.output.meaning;
+    let meaning = model.description.output.meaning();
     Ok(Predicted {
         plain: as_prediction(plain, meaning, width),
         flipped: flipped.map(|plane| as_prediction(plane, meaning, width)),
-        image: input.image,
+        image,
     })
 }
 
-/// Brings a model's numbers into one of the two forms that can be scored.
+/// Brings numbers of depth into one of the forms that can be scored. `input_width` is what
+/// disparity in pixels is relative to.
 fn as_prediction(mut plane: Plane, meaning: OutputMeaning, input_width: f32) -> Prediction {
     match meaning {
         OutputMeaning::DisparityFraction => Prediction::DisparityFraction(plane),
@@ -405,6 +449,7 @@ fn as_prediction(mut plane: Plane, meaning: OutputMeaning, input_width: f32) -> 
             }
             Prediction::DisparityFraction(plane)
         }
+        OutputMeaning::InverseDepthPerM => Prediction::InverseDepthPerM(plane),
         OutputMeaning::DepthM => Prediction::DepthM(plane),
     }
 }
@@ -495,14 +540,20 @@ fn score(task: &Task<'_>, sample: &Sample, predicted: Predicted) -> Scored {
     let mut comparison = None;
     // Most predictions do not depend on the protocol's camera, so they are resized once.
     let resize_once = |prediction: &Prediction| match prediction {
-        Prediction::DisparityFraction(plane) | Prediction::DepthM(plane) => {
-            Some(resize::bilinear_f32(plane, width, height))
-        }
+        Prediction::DisparityFraction(plane)
+        | Prediction::InverseDepthPerM(plane)
+        | Prediction::DepthM(plane) => Some(resize::bilinear_f32(plane, width, height)),
         Prediction::ConstantDepthM(_) => None,
     };
     let shared_plain = resize_once(&predicted.plain);
     let shared_flipped = predicted.flipped.as_ref().and_then(resize_once);
     for (protocol, _) in task.protocols {
+        // 45 of the 697 images were never given such depth: no failure, the protocol is about the
+        // other 652 (PROTOCOL 1.2).
+        if protocol.ground_truth == GroundTruthKind::Annotated && sample.depth_annotated.is_none() {
+            scores.push(Ok(Vec::new()));
+            continue;
+        }
         // What one protocol lacks does not cost the others their rows.
         let needed = load_needed(task.set, sample, protocol, &mut truths, &mut labels);
         if let Err(error) = needed {
@@ -546,23 +597,36 @@ fn score(task: &Task<'_>, sample: &Sample, predicted: Predicted) -> Scored {
         };
         let as_shared = protocol.resize == Resize::DisparityBilinear
             && (truth_width, truth_height) == (width, height);
-        let own;
+        let mut own;
         let resized = match (shared, prediction) {
             (Some(plane), _) if as_shared => plane,
-            (_, Prediction::DisparityFraction(plane) | Prediction::DepthM(plane)) if !as_shared => {
-                own = to_truth(plane);
+            (_, Prediction::ConstantDepthM(plane)) => {
+                own = to_truth(&reciprocal(plane, focal_baseline_fraction));
                 &own
             }
             (
                 _,
-                Prediction::ConstantDepthM(plane)
-                | Prediction::DisparityFraction(plane)
+                Prediction::DisparityFraction(plane)
+                | Prediction::InverseDepthPerM(plane)
                 | Prediction::DepthM(plane),
             ) => {
-                let disparity = reciprocal(plane, focal_baseline_fraction);
-                own = to_truth(&disparity);
+                own = to_truth(plane);
                 &own
             }
+        };
+        // Inverse depth in metres becomes disparity with whatever camera the protocol assumes.
+        let resized = if let Prediction::InverseDepthPerM(_) = prediction {
+            own = Plane {
+                data: resized
+                    .data
+                    .iter()
+                    .map(|value| value * focal_baseline_fraction)
+                    .collect(),
+                ..*resized
+            };
+            &own
+        } else {
+            resized
         };
         let gives_depth = matches!(prediction, Prediction::DepthM(_));
         let result = if gives_depth {

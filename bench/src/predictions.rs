@@ -2,16 +2,20 @@
 //!
 //! `predictions.npy` is `[images, height, width]`, little-endian `f32`, row-major: disparity of
 //! the left image as a fraction of image width at network size, before any resizing, floor or
-//! clip. `predictions.ids.txt` names the images, one per line in the same order. Images that
-//! failed are in neither.
+//! clip. `predictions.ids.txt` names the images, one per line in the same order, and
+//! `predictions.yaml` says what the numbers are: what [`crate::saved`] reads. Images that failed
+//! are in none.
 
 use std::{
     io::{self, BufWriter, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
 };
 
+use strat_onnx::metadata::OutputMeaning;
 use strat_store::{files, raster::Plane};
 use tempfile::NamedTempFile;
+
+use crate::saved::SavedDescription;
 
 /// Bytes of the array's header; fixed, so that it can be rewritten when the count is known.
 const HEADER_BYTES: usize = 128;
@@ -116,7 +120,7 @@ impl PredictionWriter {
         Ok(())
     }
 
-    /// Completes the array and writes the ids beside it (`NAME.ids.txt`).
+    /// Completes the array and writes ids (`NAME.ids.txt`) and description (`NAME.yaml`) beside it.
     ///
     /// # Errors
     /// The files cannot be written.
@@ -141,6 +145,9 @@ impl PredictionWriter {
             source,
         })?;
         files::write_atomic(&path.with_extension("ids.txt"), ids.as_bytes())?;
+        let description = SavedDescription::plain(OutputMeaning::DisparityFraction);
+        let text = strat_store::yaml::to_string(&description)?;
+        files::write_atomic(&path.with_extension("yaml"), text.as_bytes())?;
         Ok(())
     }
 }
@@ -183,7 +190,7 @@ mod tests {
         assert_eq!(array[[1, 1, 2]], 15.0);
         let ids = std::fs::read_to_string(folder.path().join("predictions.ids.txt")).unwrap();
         assert_eq!(ids, "a/1\na/2\n");
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3);
     }
 
     #[test]

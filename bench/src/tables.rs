@@ -5,11 +5,11 @@
 //! formats, `failures.csv` and `run.yaml`.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeSet, HashMap},
     path::{Path, PathBuf},
 };
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use strat_metrics::{
     GroundTruthKind, Grouping, Metric, Protocol, Row, leaderboard, rows,
     statistics::Bootstrap,
@@ -19,6 +19,7 @@ use strat_splits::Role;
 use strat_store::{
     files,
     set::{Content, Count, PreparedSet, Sample},
+    shard::Shard,
     yaml,
 };
 
@@ -229,7 +230,7 @@ pub enum WriteError {
 }
 
 /// What ran, as written to `run.yaml`.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RunRecord {
     /// The program.
     pub tool: String,
@@ -239,6 +240,12 @@ pub struct RunRecord {
     pub arguments: Vec<String>,
     /// The data.
     pub data: DataRecord,
+    /// Tables that were asked for.
+    #[serde(default)]
+    pub tables: Vec<String>,
+    /// The part that was measured, where it is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shard: Option<Shard>,
     /// Device asked for.
     pub device: String,
     /// Runtime and version.
@@ -257,10 +264,13 @@ pub struct RunRecord {
     pub warnings: Vec<String>,
     /// Images that failed, over all models.
     pub failures: usize,
+    /// Nothing failed.
+    #[serde(default)]
+    pub complete: bool,
 }
 
 /// The data of a run.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DataRecord {
     /// The folder as given.
     pub path: PathBuf,
@@ -269,7 +279,7 @@ pub struct DataRecord {
     /// What the set was made of.
     pub content: Content,
     /// Digest of the split's lists, for a split of KITTI.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub split_digest: Option<String>,
     /// Digest of the prepared set.
     pub data_digest: String,
@@ -282,7 +292,7 @@ pub struct DataRecord {
 }
 
 /// One model of a run.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ModelRecord {
     /// Name in tables.
     pub name: String,
@@ -292,6 +302,9 @@ pub struct ModelRecord {
     pub blake3: String,
     /// How it is fed and read.
     pub description: Option<crate::model::Description>,
+    /// What its numbers are, where they were saved and no model ran.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub saved: Option<crate::saved::SavedDescription>,
     /// What its trainer says about it.
     pub metadata: Option<strat_onnx::metadata::ModelMetadata>,
     /// Number of weights.
@@ -307,12 +320,12 @@ pub struct ModelRecord {
     /// Wall-clock time of the whole prediction path, decoding and metrics included.
     pub seconds: f64,
     /// A sentence where more is to be said.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
 }
 
 /// One protocol of a run.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProtocolRecord {
     /// Name.
     pub name: String,
@@ -332,6 +345,60 @@ impl ProtocolRecord {
             rules: protocol.clone(),
         }
     }
+}
+
+/// What a run, or a part of one, has found.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// What ran.
+    pub record: RunRecord,
+    /// Rows in the order model, protocol, image, group.
+    pub rows: Vec<Row>,
+    /// What failed, in the order model, image.
+    pub failures: Vec<Failure>,
+}
+
+impl Outcome {
+    /// Writes `rows.csv`, `failures.csv` and, last, `run.yaml`.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn write(&self, out: &Path) -> Result<(), WriteError> {
+        let mut bytes = Vec::new();
+        rows::write(&self.rows, &mut bytes)?;
+        files::write_atomic(&out.join(ROWS), &bytes)?;
+        write_failures(out, &self.failures)?;
+        let text = yaml::to_string(&self.record)?;
+        Ok(files::write_atomic(&out.join(RECORD), text.as_bytes())?)
+    }
+}
+
+/// The file of rows.
+pub const ROWS: &str = "rows.csv";
+
+/// The file of images that failed.
+pub const FAILURES: &str = "failures.csv";
+
+/// The file that says what ran.
+pub const RECORD: &str = "run.yaml";
+
+/// Brings rows into the order model, protocol, image; rows of one image under one protocol keep
+/// theirs. What is in none of the lists comes last.
+pub fn sort_rows(rows: &mut [Row], models: &[&str], protocols: &[&str], images: &[&str]) {
+    let places = |names: &[&str]| -> HashMap<String, usize> {
+        names.iter().map(|&name| name.to_owned()).zip(0..).collect()
+    };
+    let (models, protocols, images) = (places(models), places(protocols), places(images));
+    let place = |places: &HashMap<String, usize>, name: &str| {
+        places.get(name).copied().unwrap_or(usize::MAX)
+    };
+    rows.sort_by_key(|row| {
+        (
+            place(&models, &row.context.model),
+            place(&protocols, &row.context.protocol),
+            place(&images, &row.image),
+        )
+    });
 }
 
 /// How many test images there are and should be.
@@ -395,16 +462,6 @@ pub fn write_tables(
         }
     }
     Ok(written)
-}
-
-/// Writes `rows.csv`.
-///
-/// # Errors
-/// The file cannot be written.
-pub fn write_rows(out: &Path, rows: &[Row]) -> Result<(), WriteError> {
-    let mut bytes = Vec::new();
-    rows::write(rows, &mut bytes)?;
-    Ok(files::write_atomic(&out.join("rows.csv"), &bytes)?)
 }
 
 /// Writes `leaderboard.csv`: the measured lines and the published ones of the same protocols.
@@ -480,13 +537,10 @@ pub fn beside_tables(entries: &[leaderboard::Entry], tables: &[ThesisTable]) -> 
     text
 }
 
-/// Writes `failures.csv`, or nothing when nothing failed.
-///
-/// # Errors
-/// The file cannot be written.
-pub fn write_failures(out: &Path, failures: &[Failure]) -> Result<(), WriteError> {
+/// Writes `failures.csv`, or removes that of an earlier run when nothing failed.
+fn write_failures(out: &Path, failures: &[Failure]) -> Result<(), WriteError> {
     if failures.is_empty() {
-        return Ok(());
+        return Ok(files::remove(&out.join(FAILURES))?);
     }
     let mut csv = csv::Writer::from_writer(Vec::new());
     let as_error = strat_metrics::CsvError::from;
@@ -497,16 +551,7 @@ pub fn write_failures(out: &Path, failures: &[Failure]) -> Result<(), WriteError
             .map_err(as_error)?;
     }
     let bytes = csv.into_inner().unwrap_or_default();
-    Ok(files::write_atomic(&out.join("failures.csv"), &bytes)?)
-}
-
-/// Writes `run.yaml`.
-///
-/// # Errors
-/// The file cannot be written.
-pub fn write_record(out: &Path, record: &RunRecord) -> Result<(), WriteError> {
-    let text = yaml::to_string(record)?;
-    Ok(files::write_atomic(&out.join("run.yaml"), text.as_bytes())?)
+    Ok(files::write_atomic(&out.join(FAILURES), &bytes)?)
 }
 
 #[cfg(test)]

@@ -10,74 +10,15 @@
 //! Nothing here starts processes on other machines: that is the work of Slurm or any other queue.
 
 use std::collections::{BTreeMap, HashMap};
-use std::fmt;
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
+use std::path::Path;
 
 use strat_splits::{Role, Split, test_ids, training, validation};
 use strat_store::set::{Manifest, PreparedSet, Sample};
+pub use strat_store::shard::{PARTS, Shard};
 use strat_store::{files, yaml};
 
 use crate::build::{FAILURES, Failure, Results, SETTINGS, Settings};
 use crate::error::{Error, Result};
-
-/// Folder of the parts within the output folder; merging removes it.
-pub const PARTS: &str = "parts";
-
-/// Most parts a set can be divided into.
-const MOST: u32 = 9999;
-
-/// One of several parts of a set.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Shard {
-    /// Its number, from 0.
-    pub index: u32,
-    /// How many there are.
-    pub count: u32,
-}
-
-impl Shard {
-    /// Whether a sample belongs to it: the first eight bytes of the BLAKE3 of the name, as a
-    /// little-endian number, modulo the number of parts.
-    pub fn has(self, id: &str) -> bool {
-        let hash = blake3::hash(id.as_bytes());
-        let mut first = [0; 8];
-        first.copy_from_slice(&hash.as_bytes()[..8]);
-        u64::from_le_bytes(first) % u64::from(self.count) == u64::from(self.index)
-    }
-
-    fn folder(self, out: &Path) -> PathBuf {
-        let Self { index, count } = self;
-        out.join(PARTS).join(format!("{index:04}-of-{count:04}"))
-    }
-}
-
-impl fmt::Display for Shard {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}/{}", self.index, self.count)
-    }
-}
-
-impl FromStr for Shard {
-    type Err = String;
-
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
-        let number = |text: &str| text.parse::<u32>().ok();
-        let parsed = text
-            .split_once('/')
-            .and_then(|(index, count)| Some((number(index)?, number(count)?)));
-        match parsed {
-            Some((index, count)) if index < count && count <= MOST => Ok(Self { index, count }),
-            Some((index, count)) if index == count => Err(format!(
-                "parts are numbered from 0, so the last of {count} is {}/{count}",
-                count.saturating_sub(1)
-            )),
-            _ => Err(format!(
-                "give the number of the part and how many there are, e.g. 0/8 to 7/8 (at most {MOST})"
-            )),
-        }
-    }
-}
 
 /// Writes the tables of one part; the returned set is that part.
 pub(crate) fn write_part(
@@ -88,7 +29,7 @@ pub(crate) fn write_part(
 ) -> Result<PreparedSet> {
     let folder = shard.folder(out);
     // An earlier manifest would call a half-written part complete.
-    remove(&folder)?;
+    files::remove(&folder)?;
     files::check_writable(&folder)?;
     results.write(&folder, settings)
 }
@@ -111,7 +52,7 @@ pub fn merge(out: &Path) -> Result<(PreparedSet, Vec<Failure>)> {
         )));
     }
     let settings: Settings = yaml::load(&out.join(SETTINGS))?;
-    let shards = shards_in(out).map_err(&wrong)?;
+    let shards = Shard::found_in(out).map_err(&wrong)?;
     let Some(count) = shards.first().map(|shard| shard.count) else {
         return Err(wrong(if PreparedSet::open(out).is_ok() {
             "it has no parts and is a finished set: nothing is left to merge".to_owned()
@@ -145,46 +86,8 @@ pub fn merge(out: &Path) -> Result<(PreparedSet, Vec<Failure>)> {
     }
     let results = gather(&parts, &settings).map_err(&wrong)?;
     let set = results.write(out, &settings)?;
-    remove(&out.join(PARTS))?;
+    files::remove(&out.join(PARTS))?;
     Ok((set, results.failures))
-}
-
-fn remove(folder: &Path) -> Result<()> {
-    match std::fs::remove_dir_all(folder) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::Output {
-            path: folder.to_owned(),
-            problem: format!("this folder of an earlier run cannot be removed: {e}"),
-        }),
-        _ => Ok(()),
-    }
-}
-
-/// The parts by the names of their folders, complete or not, sorted.
-fn shards_in(out: &Path) -> std::result::Result<Vec<Shard>, String> {
-    let folder = out.join(PARTS);
-    let entries = match std::fs::read_dir(&folder) {
-        Ok(entries) => entries,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(e) => return Err(format!("its {PARTS}/ cannot be read: {e}")),
-    };
-    let mut shards = Vec::new();
-    for entry in entries {
-        let name = entry.map_err(|e| format!("its {PARTS}/ cannot be read: {e}"))?;
-        let name = name.file_name();
-        let shard: Option<Shard> = name.to_str().and_then(|name| {
-            let (index, count) = name.split_once("-of-")?;
-            format!(
-                "{}/{}",
-                index.parse::<u32>().ok()?,
-                count.parse::<u32>().ok()?
-            )
-            .parse()
-            .ok()
-        });
-        shards.extend(shard);
-    }
-    shards.sort_unstable();
-    Ok(shards)
 }
 
 /// All complete parts and the shards whose part is not.
@@ -310,71 +213,4 @@ fn failures_of(part: &PreparedSet) -> std::result::Result<Vec<Failure>, String> 
     let mut reader = csv::Reader::from_path(&path).map_err(damaged)?;
     let failures: std::result::Result<Vec<Failure>, _> = reader.deserialize().collect();
     failures.map_err(damaged)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_sample_belongs_to_exactly_one_part() {
-        for count in [1, 2, 7, 64] {
-            let mut sizes = vec![0_u32; count as usize];
-            for frame in training(Split::Eigen).iter().take(2000) {
-                let id = frame.to_string();
-                let has = |index: &u32| {
-                    Shard {
-                        index: *index,
-                        count,
-                    }
-                    .has(&id)
-                };
-                let owners: Vec<_> = (0..count).filter(has).collect();
-                assert_eq!(owners.len(), 1, "{id} of {count}");
-                sizes[owners[0] as usize] += 1;
-            }
-            let fair = 2000 / count;
-            assert!(
-                sizes
-                    .iter()
-                    .all(|size| (fair / 3..=fair * 3).contains(size)),
-                "{sizes:?}"
-            );
-        }
-    }
-
-    #[test]
-    fn the_division_never_changes() {
-        // Samples of a half-prepared set would change hands if this did.
-        let shards: Vec<_> = ["kitti2015/000006", "2011_09_26_drive_0001/0000000005"]
-            .iter()
-            .map(|id| {
-                (0..8)
-                    .find(|index| {
-                        Shard {
-                            index: *index,
-                            count: 8,
-                        }
-                        .has(id)
-                    })
-                    .unwrap()
-            })
-            .collect();
-        assert_eq!(shards, [GOLDEN.0, GOLDEN.1]);
-    }
-
-    // python3 -c "import blake3; print([int.from_bytes(blake3.blake3(i.encode()).digest()[:8],
-    // 'little') % 8 for i in ['kitti2015/000006', '2011_09_26_drive_0001/0000000005']])"
-    const GOLDEN: (u32, u32) = (1, 5);
-
-    #[test]
-    fn shards_are_read_and_refused_in_words() {
-        assert_eq!("0/8".parse(), Ok(Shard { index: 0, count: 8 }));
-        assert_eq!("7/8".parse::<Shard>().unwrap().to_string(), "7/8");
-        let refused = |text: &str| text.parse::<Shard>().unwrap_err();
-        assert!(refused("8/8").contains("the last of 8 is 7/8"));
-        for text in ["", "3", "a/b", "-1/8", "9/8", "0/0", "1/100000"] {
-            assert!(!refused(text).is_empty(), "{text}");
-        }
-    }
 }

@@ -227,13 +227,7 @@ fn known_hashes(out: &Path) -> HashMap<String, String> {
 pub(crate) fn write_failures(out: &Path, failures: &[Failure]) -> Result<()> {
     let path = out.join(FAILURES);
     if failures.is_empty() {
-        return match std::fs::remove_file(&path) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::Output {
-                path: out.to_owned(),
-                problem: format!("the outdated {FAILURES} cannot be removed: {e}"),
-            }),
-            _ => Ok(()),
-        };
+        return Ok(files::remove(&path)?);
     }
     files::write_atomic_with(&path, |file| {
         let mut table = csv::Writer::from_writer(file);

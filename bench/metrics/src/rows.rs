@@ -123,9 +123,20 @@ impl Row {
 ///
 /// # Errors
 /// If the writer fails.
-pub fn write(rows: &[Row], writer: impl Write) -> Result<(), CsvError> {
-    let mut csv = csv::Writer::from_writer(writer);
+pub fn write(rows: &[Row], mut writer: impl Write) -> Result<(), CsvError> {
+    let mut csv = csv::Writer::from_writer(&mut writer);
     csv.write_record(COLUMNS)?;
+    csv.flush()?;
+    drop(csv);
+    append(rows, writer)
+}
+
+/// Writes rows without a header, behind those that are there.
+///
+/// # Errors
+/// If the writer fails.
+pub fn append(rows: &[Row], writer: impl Write) -> Result<(), CsvError> {
+    let mut csv = csv::Writer::from_writer(writer);
     for row in rows {
         csv.write_record(row.cells())?;
     }

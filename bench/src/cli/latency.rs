@@ -7,7 +7,7 @@ use clap::Args;
 use strat_splits::Role;
 use strat_store::{files, progress::Progress, set::PreparedSet};
 
-use super::{DONE, FAILED, Usage, asked_models, predict_images::images_below, print};
+use super::{DONE, FAILED, Usage, asked_files, predict_images::images_below, print};
 use crate::{
     devices::{self, Processor},
     latency::{
@@ -97,7 +97,7 @@ impl Run<'_> {
 }
 
 pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
-    let asked = asked_models(&args.models, false)?;
+    let asked = asked_files("model", &args.models, &[])?;
     let shots = shots(args)?;
     files::check_writable(&args.out)?;
     let processor = devices::processor();

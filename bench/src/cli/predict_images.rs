@@ -173,7 +173,8 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
             args.device,
             super::placement_text(model.placement()).unwrap_or_else(|| model.provider().to_owned())
         );
-        if rig.is_none() && natural(model.description.output.meaning, rig) == Quantity::DisparityPx
+        if rig.is_none()
+            && natural(model.description.output.meaning(), rig) == Quantity::DisparityPx
         {
             eprintln!(
                 "note: without --focal-px and --baseline-m there is no depth, only disparity"
@@ -184,7 +185,7 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
         args,
         targets: &targets,
         rig,
-        in_metres: has_scale(model.description.output.meaning, rig),
+        in_metres: has_scale(model.description.output.meaning(), rig),
         source: format!(
             "model {name}, BLAKE3 {}",
             &model.file.blake3[..12.min(model.file.blake3.len())]
@@ -267,7 +268,7 @@ fn targets(
     description: &Description,
     rig: Option<Rig>,
 ) -> anyhow::Result<Vec<Target>> {
-    let meaning = description.output.meaning;
+    let meaning = description.output.meaning();
     let mut targets: Vec<Target> = Vec::new();
     for &format in &args.format {
         if targets.iter().any(|target| target.format == format) {

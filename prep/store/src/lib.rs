@@ -4,7 +4,7 @@
 //! `prep` writes a prepared set, `train` and `bench` read it; this crate alone owns its
 //! format ([`set`]). The parts it is made of can be used one by one: [`image_files`] and
 //! [`resize`] for pictures, [`exr`] for depth, [`files`] for writing, [`yaml`] for
-//! configuration, [`progress`] for long jobs. It knows nothing about where data comes from.
+//! configuration, [`progress`] for long jobs, [`shard`] for divided ones. It knows nothing about where data comes from.
 
 mod error;
 pub mod exr;
@@ -14,6 +14,7 @@ pub mod progress;
 pub mod raster;
 pub mod resize;
 pub mod set;
+pub mod shard;
 pub mod yaml;
 
 pub use error::{Error, Result};

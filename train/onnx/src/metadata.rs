@@ -27,16 +27,19 @@ pub enum OutputMeaning {
     DisparityPx,
     /// Inverse depth up to an unknown scale.
     InverseDepth,
+    /// Inverse depth in 1/m.
+    InverseDepthPerM,
     /// Depth in metres.
     DepthM,
 }
 
 impl OutputMeaning {
     /// Every meaning, in the order of the documentation.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::DisparityFraction,
         Self::DisparityPx,
         Self::InverseDepth,
+        Self::InverseDepthPerM,
         Self::DepthM,
     ];
 
@@ -47,6 +50,7 @@ impl OutputMeaning {
             Self::DisparityFraction => "disparity_fraction",
             Self::DisparityPx => "disparity_px",
             Self::InverseDepth => "inverse_depth",
+            Self::InverseDepthPerM => "inverse_depth_per_m",
             Self::DepthM => "depth_m",
         }
     }
@@ -103,6 +107,7 @@ text_enum!(
         OutputMeaning::DisparityFraction,
         OutputMeaning::DisparityPx,
         OutputMeaning::InverseDepth,
+        OutputMeaning::InverseDepthPerM,
         OutputMeaning::DepthM
     ]
 );

@@ -1,0 +1,211 @@
+//! What a run has measured so far, so that an interrupted one goes on where it stopped.
+//!
+//! A file of rows per model in the output folder, to which the rows of each image are added as
+//! soon as they are there. The next run of the same models on the same data under the same
+//! protocols, with the same runtime and program, takes them over; anything else is measured again.
+//! A finished run removes its journals.
+//!
+//! The last image of a journal may be there in part, so it is measured again as well.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs::File,
+    path::{Path, PathBuf},
+};
+
+use strat_metrics::{Row, RowContext, rows};
+use strat_store::files;
+
+/// Beginning of the names of journals.
+pub const PREFIX: &str = "unfinished-";
+
+/// Why a journal cannot be kept.
+#[derive(Debug, thiserror::Error)]
+pub enum JournalError {
+    /// The file could not be replaced.
+    #[error(transparent)]
+    Store(#[from] strat_store::Error),
+    /// Rows could not be formed or added.
+    #[error("{} cannot be written: {source}", path.display())]
+    Rows {
+        /// The journal.
+        path: PathBuf,
+        /// Why.
+        source: strat_metrics::CsvError,
+    },
+}
+
+/// The open journal of one model.
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+}
+
+impl Journal {
+    /// Opens the journal at `path` and returns with it what an interrupted run left there: the
+    /// rows of images that have some under each of `contexts`, by image.
+    ///
+    /// # Errors
+    /// The file cannot be written. One that cannot be read is begun anew.
+    pub fn open(
+        path: &Path,
+        contexts: &[RowContext],
+    ) -> Result<(Self, BTreeMap<String, Vec<Row>>), JournalError> {
+        let found = read(path);
+        let last = found.last().map(|row| row.image.clone());
+        let mut by_image: BTreeMap<String, Vec<Row>> = BTreeMap::new();
+        for row in found {
+            if contexts.contains(&row.context) && Some(&row.image) != last.as_ref() {
+                by_image.entry(row.image.clone()).or_default().push(row);
+            }
+        }
+        by_image.retain(|_, rows| {
+            let protocols: BTreeSet<&str> =
+                rows.iter().map(|r| r.context.protocol.as_str()).collect();
+            protocols.len() == contexts.len()
+        });
+        let failed = |source| JournalError::Rows {
+            path: path.to_path_buf(),
+            source,
+        };
+        let kept: Vec<Row> = by_image.values().flatten().cloned().collect();
+        let mut bytes = Vec::new();
+        rows::write(&kept, &mut bytes).map_err(failed)?;
+        files::write_atomic(path, &bytes)?;
+        let file = File::options().append(true).open(path);
+        let file = file.map_err(|error| failed(error.into()))?;
+        let journal = Self {
+            path: path.to_path_buf(),
+            file,
+        };
+        Ok((journal, by_image))
+    }
+
+    /// Adds the rows of one image.
+    ///
+    /// # Errors
+    /// The disk is full or gone.
+    pub fn add(&mut self, rows: &[Row]) -> Result<(), JournalError> {
+        // One call of the system for each image, so that images stay together.
+        let mut bytes = Vec::new();
+        rows::append(rows, &mut bytes)
+            .and_then(|()| Ok(std::io::Write::write_all(&mut self.file, &bytes)?))
+            .map_err(|source| JournalError::Rows {
+                path: self.path.clone(),
+                source,
+            })
+    }
+}
+
+/// The rows of a file up to its last whole line; none if it is not there or something else.
+fn read(path: &Path) -> Vec<Row> {
+    let Ok(mut bytes) = std::fs::read(path) else {
+        return Vec::new();
+    };
+    bytes.truncate(
+        bytes
+            .iter()
+            .rposition(|&b| b == b'\n')
+            .map_or(0, |at| at + 1),
+    );
+    rows::read(bytes.as_slice()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use strat_metrics::{ImageScore, Metrics};
+
+    fn contexts() -> Vec<RowContext> {
+        ["a", "b"]
+            .map(|protocol| RowContext {
+                model: "m".to_owned(),
+                protocol: protocol.to_owned(),
+                protocol_digest: "d".to_owned(),
+                data_digest: "e".to_owned(),
+                ..RowContext::default()
+            })
+            .into()
+    }
+
+    fn rows_of(image: &str) -> Vec<Row> {
+        let metrics = Metrics {
+            abs_rel: 0.1,
+            sq_rel: 1.0 / 3.0,
+            rmse: 4.0,
+            rmse_log: 0.2,
+            a1: 0.9,
+            a2: 0.95,
+            a3: 0.99,
+        };
+        let score = ImageScore {
+            group: None,
+            metrics,
+            d1_all: None,
+            sum_squared_error: 16.0,
+            pixels: 1,
+            floored_pixels: 0,
+        };
+        let row = |context: &RowContext| Row::new(context, image, score);
+        contexts().iter().map(row).collect()
+    }
+
+    /// A journal of three images.
+    fn written(folder: &Path) -> PathBuf {
+        let path = folder.join("unfinished-m.csv");
+        let (mut journal, before) = Journal::open(&path, &contexts()).unwrap();
+        assert!(before.is_empty());
+        for image in ["x/1", "x/2", "x/3"] {
+            journal.add(&rows_of(image)).unwrap();
+        }
+        path
+    }
+
+    fn images(path: &Path, contexts: &[RowContext]) -> Vec<String> {
+        let (_, found) = Journal::open(path, contexts).unwrap();
+        found.into_keys().collect()
+    }
+
+    #[test]
+    fn wherever_it_was_cut_only_whole_images_come_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = written(folder.path());
+        let whole = std::fs::read(&path).unwrap();
+        let mut most = 0;
+        for end in 0..=whole.len() {
+            std::fs::write(&path, &whole[..end]).unwrap();
+            let (_, found) = Journal::open(&path, &contexts()).unwrap();
+            for (image, rows) in &found {
+                assert_eq!(rows, &rows_of(image));
+            }
+            assert!(found.len() >= most, "cut at {end}");
+            most = found.len();
+        }
+        assert_eq!(most, 2);
+    }
+
+    #[test]
+    fn what_was_kept_is_kept_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = written(folder.path());
+        assert_eq!(images(&path, &contexts()), ["x/1", "x/2"]);
+        let (mut journal, _) = Journal::open(&path, &contexts()).unwrap();
+        journal.add(&rows_of("x/9")).unwrap();
+        drop(journal);
+        assert_eq!(images(&path, &contexts()), ["x/1"]);
+    }
+
+    #[test]
+    fn other_models_data_and_protocols_are_measured_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = written(folder.path());
+        let mut other = contexts();
+        other[1].protocol_digest = "changed".to_owned();
+        assert!(images(&path, &other).is_empty());
+        let path = written(folder.path());
+        let more = [contexts(), vec![RowContext::default()]].concat();
+        assert!(images(&path, &more).is_empty());
+        std::fs::write(&path, b"something\nelse\n").unwrap();
+        assert!(images(&path, &contexts()).is_empty());
+    }
+}

@@ -1,0 +1,269 @@
+//! A run that is divided among machines, and its parts put together.
+//!
+//! Every machine gets the same data, models, options and output folder, and a
+//! [`Shard`]. A part leaves what any run leaves (`rows.csv`, `failures.csv`, `run.yaml`) and the
+//! list of its images in a folder of its own, `parts/0003-of-0008/`. [`merge`] checks that all
+//! parts are there and of one kind and puts their rows into the order of an undivided run, so that
+//! tables and leaderboard come out byte for byte the same.
+//!
+//! Nothing here starts processes on other machines; that is the work of Slurm or any other queue.
+
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize};
+use strat_metrics::rows;
+use strat_store::{
+    files,
+    shard::{PARTS, Shard},
+    yaml,
+};
+
+use crate::{
+    predict::Failure,
+    tables::{self, FAILURES, Outcome, RECORD, ROWS, RunRecord},
+};
+
+/// The images of a part with their places in the test list.
+const IMAGES: &str = "images.csv";
+
+/// Why parts cannot be put together.
+#[derive(Debug, thiserror::Error)]
+pub enum PartsError {
+    /// A file could not be read or written.
+    #[error(transparent)]
+    Store(#[from] strat_store::Error),
+    /// A file is not what a run has written.
+    #[error("{} cannot be used: {reason}", path.display())]
+    Unusable {
+        /// The file or folder.
+        path: PathBuf,
+        /// A sentence.
+        reason: String,
+    },
+    /// Parts that were never measured, or not to the end.
+    #[error(
+        "{} of {count} parts in {} are missing or unfinished: run again with the same options and \
+         --shard {}", missing.len(), folder.display(), missing.join(", --shard ")
+    )]
+    Missing {
+        /// The output folder.
+        folder: PathBuf,
+        /// The parts as `--shard` takes them.
+        missing: Vec<String>,
+        /// How many there should be.
+        count: u32,
+    },
+    /// Parts of different runs.
+    #[error(
+        "parts {first} and {other} in {} do not belong together: {what} differs; measure one of \
+         them again", folder.display()
+    )]
+    Different {
+        /// The output folder.
+        folder: PathBuf,
+        /// A part.
+        first: Shard,
+        /// Another.
+        other: Shard,
+        /// What differs.
+        what: &'static str,
+    },
+}
+
+#[derive(Serialize, Deserialize)]
+struct Place {
+    position: usize,
+    image: String,
+}
+
+/// Marks the part in `folder` as unfinished and lists its images; `order` is the whole test list.
+///
+/// # Errors
+/// The folder cannot be written to.
+pub fn begin(folder: &Path, order: &[String], shard: Shard) -> Result<(), PartsError> {
+    // An earlier record would call a half-measured part complete.
+    files::remove(&folder.join(RECORD))?;
+    files::write_atomic_with(&folder.join(IMAGES), |file| {
+        let mut csv = csv::Writer::from_writer(file);
+        for (position, image) in order.iter().enumerate() {
+            if shard.has(image) {
+                let image = image.clone();
+                csv.serialize(Place { position, image })?;
+            }
+        }
+        csv.flush()
+    })?;
+    Ok(())
+}
+
+struct Part {
+    shard: Shard,
+    images: Vec<Place>,
+    outcome: Outcome,
+}
+
+/// Reads all parts in `out` and puts them together.
+///
+/// # Errors
+/// There are none, some are missing or unfinished, they do not belong together, or a file is
+/// broken.
+pub fn merge(out: &Path) -> Result<Outcome, PartsError> {
+    let wrong = |reason: &str| PartsError::Unusable {
+        path: out.to_path_buf(),
+        reason: reason.to_owned(),
+    };
+    let found = Shard::found_in(out).map_err(|reason| wrong(&reason))?;
+    let Some(count) = found.first().map(|shard| shard.count) else {
+        return Err(wrong(
+            "it has no parts; run `bench --table ... --shard 0/N` to N-1/N with this folder as --out \
+             first",
+        ));
+    };
+    if found.iter().any(|shard| shard.count != count) {
+        return Err(wrong(&format!(
+            "it has parts of different divisions; remove those that are not meant from {PARTS}/"
+        )));
+    }
+    let (mut parts, mut missing) = (Vec::new(), Vec::new());
+    for index in 0..count {
+        let shard = Shard { index, count };
+        let folder = shard.folder(out);
+        if folder.join(RECORD).is_file() {
+            parts.push(read(&folder, shard)?);
+        } else {
+            missing.push(shard.to_string());
+        }
+    }
+    if !missing.is_empty() {
+        return Err(PartsError::Missing {
+            folder: out.to_path_buf(),
+            missing,
+            count,
+        });
+    }
+    for pair in parts.windows(2) {
+        if let [a, b] = pair
+            && let Some(what) = difference(&a.outcome.record, &b.outcome.record)
+        {
+            return Err(PartsError::Different {
+                folder: out.to_path_buf(),
+                first: a.shard,
+                other: b.shard,
+                what,
+            });
+        }
+    }
+    let mut images: Vec<Place> = Vec::new();
+    for part in &mut parts {
+        images.append(&mut part.images);
+    }
+    images.sort_by_key(|place| place.position);
+    if images.iter().enumerate().any(|(at, p)| p.position != at) {
+        return Err(wrong(
+            "its parts do not cover the test list, or images are in two of them; measure all again",
+        ));
+    }
+    let order: Vec<String> = images.into_iter().map(|place| place.image).collect();
+    joined(parts, &order).ok_or_else(|| wrong("it has no parts"))
+}
+
+/// The parts in the order of an undivided run.
+fn joined(parts: Vec<Part>, order: &[String]) -> Option<Outcome> {
+    let mut parts = parts.into_iter().map(|part| part.outcome);
+    let mut whole = parts.next()?;
+    let record = &mut whole.record;
+    record.shard = None;
+    for part in parts {
+        whole.rows.extend(part.rows);
+        whole.failures.extend(part.failures);
+        record.complete &= part.record.complete;
+        for (model, own) in record.models.iter_mut().zip(part.record.models) {
+            model.images += own.images;
+            model.seconds += own.seconds;
+        }
+        for warning in part.record.warnings {
+            if !record.warnings.contains(&warning) {
+                record.warnings.push(warning);
+            }
+        }
+    }
+    record.failures = whole.failures.len();
+    let models: Vec<&str> = record.models.iter().map(|m| m.name.as_str()).collect();
+    let protocols: Vec<&str> = record.protocols.iter().map(|p| p.name.as_str()).collect();
+    let images: Vec<&str> = order.iter().map(String::as_str).collect();
+    tables::sort_rows(&mut whole.rows, &models, &protocols, &images);
+    let places: HashMap<&str, usize> = images.into_iter().zip(0..).collect();
+    whole.failures.sort_by_key(|failure| {
+        (
+            models.iter().position(|model| *model == failure.model),
+            places.get(failure.image.as_str()).copied(),
+        )
+    });
+    Some(whole)
+}
+
+/// What makes two parts parts of different runs.
+fn difference(a: &RunRecord, b: &RunRecord) -> Option<&'static str> {
+    let models = |record: &RunRecord| -> Vec<(String, String)> {
+        let models = record.models.iter();
+        models.map(|m| (m.name.clone(), m.blake3.clone())).collect()
+    };
+    let digests = |record: &RunRecord| -> Vec<(String, String)> {
+        let protocols = record.protocols.iter();
+        protocols
+            .map(|p| (p.name.clone(), p.digest.clone()))
+            .collect()
+    };
+    if a.data.data_digest != b.data.data_digest {
+        Some("the digest of the prepared set")
+    } else if a.tool_version != b.tool_version {
+        Some("the version of bench")
+    } else if models(a) != models(b) {
+        Some("the list of models or a model's file")
+    } else if digests(a) != digests(b) || a.tables != b.tables {
+        Some("the list of tables or protocols")
+    } else {
+        None
+    }
+}
+
+fn read(folder: &Path, shard: Shard) -> Result<Part, PartsError> {
+    let unusable = |name: &str, reason: String| PartsError::Unusable {
+        path: folder.join(name),
+        reason,
+    };
+    let record: RunRecord = yaml::load(&folder.join(RECORD))?;
+    let bytes = files::read(&folder.join(ROWS))?;
+    let rows = rows::read(bytes.as_slice()).map_err(|e| unusable(ROWS, e.to_string()))?;
+    let images: Vec<Place> = table(&files::read(&folder.join(IMAGES))?)
+        .map_err(|error| unusable(IMAGES, error.to_string()))?;
+    let failures: Vec<Failure> = match files::read(&folder.join(FAILURES)) {
+        Ok(bytes) => table(&bytes).map_err(|error| unusable(FAILURES, error.to_string()))?,
+        Err(error) if error.is_not_found() => Vec::new(),
+        Err(error) => return Err(error.into()),
+    };
+    if failures.len() != record.failures {
+        let reason = format!(
+            "it lists {} failures, but the run had {}; measure the part again",
+            failures.len(),
+            record.failures
+        );
+        return Err(unusable(FAILURES, reason));
+    }
+    Ok(Part {
+        shard,
+        images,
+        outcome: Outcome {
+            record,
+            rows,
+            failures,
+        },
+    })
+}
+
+fn table<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<Vec<T>, csv::Error> {
+    csv::Reader::from_reader(bytes).deserialize().collect()
+}

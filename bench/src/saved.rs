@@ -1,0 +1,455 @@
+//! Predictions that some program has saved, evaluated without its model.
+//!
+//! Three forms: a NumPy array of all maps (`.npy`, as monodepth and monodepth2 write them, or the
+//! one of an `.npz`), or a folder with a file for each image (16-bit PNG, EXR or `.npy`). What the
+//! numbers are is said by a small YAML file ([`SavedDescription`]), never guessed. An array says
+//! nothing about whose maps they are: `NAME.ids.txt` beside it lists the images, one a line;
+//! without it there must be as many maps as the split has test images, in published order, or as
+//! many as the prepared set has, in its order.
+//!
+//! Not here: resizing and scoring, which are those of any model ([`crate::predict`]).
+
+use std::{
+    collections::HashMap,
+    fs::File,
+    io::Read as _,
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+};
+
+use serde::{Deserialize, Serialize};
+use strat_onnx::metadata::OutputMeaning;
+use strat_store::{
+    exr, files, image_files,
+    raster::Plane,
+    set::{Content, Sample},
+};
+
+use crate::{
+    model::{Numbers, Sigmoid},
+    npy::NpyPlanes,
+};
+
+/// Description of a folder, in the folder.
+pub const FOLDER_DESCRIPTION: &str = "predictions.yaml";
+
+/// Endings of the files of a folder, in the order in which they are looked for.
+const ENDINGS: [&str; 3] = ["png", "exr", "npy"];
+
+/// What saved numbers are; the YAML file beside them holds exactly this.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SavedDescription {
+    /// What the numbers are. Disparity in pixels is in pixels of the saved map.
+    pub meaning: OutputMeaning,
+    /// A sigmoid to be undone first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigmoid: Option<Sigmoid>,
+    /// Depth in metres is this many times the depth that the numbers say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
+    /// A number of a PNG is its 16-bit value divided by this; KITTI's own files have 256.
+    #[serde(default = "kitti_png", skip_serializing_if = "is_kitti_png")]
+    pub png_divisor: f64,
+    /// Name of the array in an `.npz` of several.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub array: Option<String>,
+}
+
+fn kitti_png() -> f64 {
+    256.0
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
+fn is_kitti_png(divisor: &f64) -> bool {
+    *divisor == kitti_png()
+}
+
+impl SavedDescription {
+    /// Numbers of one meaning to which nothing was done.
+    #[must_use]
+    pub fn plain(meaning: OutputMeaning) -> Self {
+        Self {
+            meaning,
+            sigmoid: None,
+            scale: None,
+            png_divisor: kitti_png(),
+            array: None,
+        }
+    }
+
+    fn numbers(&self) -> Numbers {
+        Numbers {
+            meaning: self.meaning,
+            sigmoid: self.sigmoid,
+            scale: self.scale,
+        }
+    }
+}
+
+/// Why saved predictions cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SavedError {
+    /// A file could not be read or decoded.
+    #[error(transparent)]
+    Store(#[from] strat_store::Error),
+    /// A file is not what it should be.
+    #[error("{} cannot be read as predictions: {reason}", path.display())]
+    Unusable {
+        /// The file or folder.
+        path: PathBuf,
+        /// A sentence.
+        reason: String,
+    },
+    /// Nobody says what the numbers mean.
+    #[error(
+        "{} does not say what its numbers mean, and there is no description at {}; write one such \
+         as `meaning: disparity_fraction`, see `bench --help`",
+        path.display(), yaml.display()
+    )]
+    Undescribed {
+        /// The predictions.
+        path: PathBuf,
+        /// Where a description was looked for.
+        yaml: PathBuf,
+    },
+    /// An image without a map.
+    #[error("{} has no map for this image", path.display())]
+    Missing {
+        /// The predictions.
+        path: PathBuf,
+    },
+    /// A map with something that is not a number.
+    #[error(
+        "the map in {} is not a number at row {row}, column {column}",
+        path.display()
+    )]
+    NotFinite {
+        /// The file.
+        path: PathBuf,
+        /// First such row, from 0.
+        row: usize,
+        /// First such column, from 0.
+        column: usize,
+    },
+}
+
+/// Opened predictions.
+#[derive(Debug)]
+pub struct SavedPredictions {
+    /// Name used in tables.
+    pub name: String,
+    /// File or folder.
+    pub path: PathBuf,
+    /// BLAKE3 of the file; of a folder, that of the names and BLAKE3 of its maps.
+    pub blake3: String,
+    /// What the numbers are.
+    pub description: SavedDescription,
+    maps: Maps,
+}
+
+#[derive(Debug)]
+enum Maps {
+    Array {
+        planes: Mutex<NpyPlanes>,
+        places: HashMap<String, usize>,
+    },
+    Files(HashMap<String, PathBuf>),
+}
+
+impl SavedPredictions {
+    /// Opens predictions for the test images of a set.
+    ///
+    /// # Errors
+    /// They cannot be read, nobody says what they are, or it is not clear whose they are.
+    pub fn open(
+        name: &str,
+        path: &Path,
+        content: Content,
+        samples: &[Sample],
+    ) -> Result<Self, SavedError> {
+        let folder = path.is_dir();
+        // A missing file is a clearer message than its missing description.
+        let bytes = if folder { None } else { Some(open(path)?) };
+        let yaml = if folder {
+            path.join(FOLDER_DESCRIPTION)
+        } else {
+            path.with_extension("yaml")
+        };
+        if !yaml.is_file() {
+            return Err(SavedError::Undescribed {
+                path: path.to_path_buf(),
+                yaml,
+            });
+        }
+        let description: SavedDescription = strat_store::yaml::load(&yaml)?;
+        let divisor = description.png_divisor;
+        let checked = description.numbers().check().and_then(|()| {
+            if divisor > 0.0 && divisor.is_finite() {
+                Ok(())
+            } else {
+                Err(format!(
+                    "`png_divisor` must be a positive number, not {divisor}"
+                ))
+            }
+        });
+        checked.map_err(|reason| unusable(&yaml, reason))?;
+        let (maps, blake3) = match bytes {
+            Some(file) => {
+                let planes = array(path, file, description.array.as_deref())?;
+                let places = places(path, planes.layout.count, content, samples)?;
+                let planes = Mutex::new(planes);
+                (Maps::Array { planes, places }, files::blake3_file(path)?)
+            }
+            None => {
+                let found = files_of(path, samples)?;
+                let blake3 = hash_of(samples, &found)?;
+                (Maps::Files(found), blake3)
+            }
+        };
+        Ok(Self {
+            name: name.to_owned(),
+            path: path.to_path_buf(),
+            blake3,
+            description,
+            maps,
+        })
+    }
+
+    /// What the numbers of [`map`](Self::map) are.
+    #[must_use]
+    pub fn meaning(&self) -> OutputMeaning {
+        self.description.numbers().meaning()
+    }
+
+    /// The map of one image.
+    ///
+    /// # Errors
+    /// There is none, it is broken, or it holds NaN or infinity.
+    pub fn map(&self, image: &str) -> Result<Plane, SavedError> {
+        let missing = || SavedError::Missing {
+            path: self.path.clone(),
+        };
+        let (path, mut plane) = match &self.maps {
+            Maps::Array { planes, places } => {
+                let place = *places.get(image).ok_or_else(missing)?;
+                let mut planes = planes.lock().unwrap_or_else(PoisonError::into_inner);
+                let data = planes.plane(place).map_err(|r| unusable(&self.path, r))?;
+                let layout = planes.layout;
+                let plane = Plane {
+                    width: layout.width,
+                    height: layout.height,
+                    data,
+                };
+                (&self.path, plane)
+            }
+            Maps::Files(files) => {
+                let path = files.get(image).ok_or_else(missing)?;
+                (path, self.decode(path)?)
+            }
+        };
+        if let Some(first) = plane.data.iter().position(|value| !value.is_finite()) {
+            return Err(SavedError::NotFinite {
+                path: path.clone(),
+                row: first / plane.width,
+                column: first % plane.width,
+            });
+        }
+        self.description.numbers().apply(&mut plane.data);
+        Ok(plane)
+    }
+
+    fn decode(&self, path: &Path) -> Result<Plane, SavedError> {
+        let ending = path.extension().and_then(|ending| ending.to_str());
+        if ending == Some("npy") {
+            let mut planes = array(path, open(path)?, None)?;
+            let (count, width, height) = (
+                planes.layout.count,
+                planes.layout.width,
+                planes.layout.height,
+            );
+            if count != 1 {
+                let reason = format!("it holds {count} maps, but is to be that of one image");
+                return Err(unusable(path, reason));
+            }
+            let data = planes.plane(0).map_err(|reason| unusable(path, reason))?;
+            return Ok(Plane {
+                width,
+                height,
+                data,
+            });
+        }
+        let bytes = files::read(path)?;
+        if ending == Some("exr") {
+            return exr::decode_channel(&bytes).map_err(|reason| unusable(path, reason));
+        }
+        let (width, height, values) =
+            image_files::decode_gray16(&bytes, &path.display().to_string())?;
+        let divisor = self.description.png_divisor;
+        Ok(Plane {
+            width,
+            height,
+            data: values
+                .into_iter()
+                .map(|value| (f64::from(value) / divisor) as f32)
+                .collect(),
+        })
+    }
+}
+
+fn unusable(path: &Path, reason: impl ToString) -> SavedError {
+    SavedError::Unusable {
+        path: path.to_path_buf(),
+        reason: reason.to_string(),
+    }
+}
+
+fn open(path: &Path) -> Result<File, SavedError> {
+    File::open(path).map_err(|source| {
+        strat_store::Error::Io {
+            action: "read",
+            path: path.to_path_buf(),
+            source,
+        }
+        .into()
+    })
+}
+
+/// An array of an `.npy` or, unpacked into a file without a name, of an `.npz`.
+fn array(path: &Path, file: File, member: Option<&str>) -> Result<NpyPlanes, SavedError> {
+    let wrong = |reason: String| unusable(path, reason);
+    if path.extension().is_none_or(|ending| ending != "npz") {
+        return NpyPlanes::new(file).map_err(wrong);
+    }
+    let damaged = |error: zip::result::ZipError| wrong(format!("it is no usable .npz: {error}"));
+    let mut archive = zip::ZipArchive::new(file).map_err(damaged)?;
+    let names: Vec<String> = archive
+        .file_names()
+        .map(|name| name.map(std::borrow::Cow::into_owned))
+        .collect::<Result<_, _>>()
+        .map_err(damaged)?;
+    let wanted = match (member, names.as_slice()) {
+        (Some(member), _) => format!("{member}.npy"),
+        (None, [only]) => only.clone(),
+        (None, _) => {
+            let arrays: Vec<&str> = names.iter().map(|n| n.trim_end_matches(".npy")).collect();
+            return Err(wrong(format!(
+                "it holds {} arrays; say which with `array:` in its description: {}",
+                arrays.len(),
+                arrays.join(", ")
+            )));
+        }
+    };
+    let mut packed = archive.by_name(&wanted).map_err(|_| {
+        wrong(format!(
+            "it has no array {}; it has {}",
+            wanted.trim_end_matches(".npy"),
+            names.join(", ")
+        ))
+    })?;
+    // As long as it says it is, and no longer: a damaged archive must not fill the disk.
+    let length = packed.size();
+    let mut unpack = || -> std::io::Result<File> {
+        let mut unpacked = tempfile::tempfile()?;
+        std::io::copy(&mut (&mut packed).take(length), &mut unpacked)?;
+        Ok(unpacked)
+    };
+    let unpacked = unpack().map_err(|error| wrong(format!("{wanted} of it: {error}")))?;
+    NpyPlanes::new(unpacked).map_err(wrong)
+}
+
+/// Which map of an array is whose.
+fn places(
+    path: &Path,
+    count: usize,
+    content: Content,
+    samples: &[Sample],
+) -> Result<HashMap<String, usize>, SavedError> {
+    let list = path.with_extension("ids.txt");
+    let ids: Vec<String> = if list.is_file() {
+        let text = String::from_utf8(files::read(&list)?);
+        let text = text.map_err(|_| unusable(&list, "it is no text"))?;
+        let ids: Vec<String> = text.lines().map(|line| line.trim().to_owned()).collect();
+        if ids.len() != count {
+            let reason = format!(
+                "it names {} images, but the array has {count} maps",
+                ids.len()
+            );
+            return Err(unusable(&list, reason));
+        }
+        ids
+    } else {
+        let published = content.split().map(strat_splits::test_ids);
+        match published.filter(|ids| ids.len() == count) {
+            Some(ids) => ids,
+            None if samples.len() == count => samples.iter().map(|s| s.id.clone()).collect(),
+            None => {
+                return Err(unusable(
+                    path,
+                    format!(
+                        "it has {count} maps for the {} test images of the set, so it is not clear \
+                         whose they are; name them in {}, one a line",
+                        samples.len(),
+                        list.display()
+                    ),
+                ));
+            }
+        }
+    };
+    let places: HashMap<String, usize> = ids.iter().cloned().zip(0..).collect();
+    if places.len() == ids.len() {
+        Ok(places)
+    } else {
+        Err(unusable(&list, "it names an image twice"))
+    }
+}
+
+/// The files of a folder by image: `drive/frame.png`, `drive_frame.png` or, where no other image
+/// is called the same, `frame.png`.
+fn files_of(folder: &Path, samples: &[Sample]) -> Result<HashMap<String, PathBuf>, SavedError> {
+    let mut last_parts: HashMap<&str, usize> = HashMap::new();
+    fn last(id: &str) -> &str {
+        id.rsplit('/').next().unwrap_or(id)
+    }
+    for sample in samples {
+        *last_parts.entry(last(&sample.id)).or_default() += 1;
+    }
+    let mut found = HashMap::new();
+    for sample in samples {
+        let alone = last_parts.get(last(&sample.id)) == Some(&1);
+        let stems = [
+            Some(sample.id.clone()),
+            Some(sample.id.replace('/', "_")),
+            alone.then(|| last(&sample.id).to_owned()),
+        ];
+        let mut candidates = stems
+            .into_iter()
+            .flatten()
+            .flat_map(|stem| ENDINGS.map(|ending| folder.join(format!("{stem}.{ending}"))));
+        if let Some(file) = candidates.find(|file| file.is_file()) {
+            found.insert(sample.id.clone(), file);
+        }
+    }
+    match samples.first() {
+        Some(sample) if found.is_empty() => Err(unusable(
+            folder,
+            format!(
+                "it has a file for none of the test images; for {} it should be {}.png, .exr or .npy",
+                sample.id,
+                sample.id.replace('/', "_")
+            ),
+        )),
+        _ => Ok(found),
+    }
+}
+
+/// BLAKE3 over the lines `image BLAKE3` of the maps, in the order of the set.
+fn hash_of(samples: &[Sample], found: &HashMap<String, PathBuf>) -> Result<String, SavedError> {
+    let mut lines = String::new();
+    for sample in samples {
+        if let Some(file) = found.get(&sample.id) {
+            lines += &format!("{} {}\n", sample.id, files::blake3_file(file)?);
+        }
+    }
+    Ok(files::blake3_hex(lines.as_bytes()))
+}
