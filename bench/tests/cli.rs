@@ -1,96 +1,18 @@
 //! The `bench` command from outside: files in, tables and exit codes out.
 
 mod support;
+#[path = "support/world.rs"]
+mod world;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::fs;
 
 use assert_cmd::Command;
 use strat_bench::setup::{Availability, ensure_runtime};
-use strat_metrics::{Row, rows};
+use strat_metrics::Row;
 use strat_onnx::metadata::Probe;
 use strat_splits::Split;
-use support::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model, write_set};
-
-/// A folder with a set and a place for results.
-struct World {
-    folder: tempfile::TempDir,
-}
-
-impl World {
-    fn new(split: Split, tests: u32, with_labels: bool) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        write_set(&folder.path().join("set"), split, tests, with_labels);
-        Self { folder }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    /// `bench --table TABLE --data set --out OUT --runtime embedded` and more arguments.
-    fn bench(&self, table: &str, out: &str, more: &[&str]) -> Ran {
-        let mut command = Command::cargo_bin("bench").unwrap();
-        command
-            .args(["--table", table, "--data"])
-            .arg(self.path("set"))
-            .arg("--out")
-            .arg(self.path(out));
-        if !more.contains(&"--runtime") {
-            command.args(["--runtime", "embedded"]);
-        }
-        run(command.args(more))
-    }
-
-    fn rows(&self, out: &str) -> Vec<Row> {
-        let file = fs::File::open(self.path(out).join("rows.csv")).unwrap();
-        rows::read(file).unwrap()
-    }
-}
-
-struct Ran {
-    code: i32,
-    out: String,
-    err: String,
-}
-
-impl Ran {
-    #[track_caller]
-    fn code(&self, code: i32) -> &Self {
-        assert_eq!(
-            self.code, code,
-            "stdout:\n{}\nstderr:\n{}",
-            self.out, self.err
-        );
-        self
-    }
-
-    #[track_caller]
-    fn says(&self, text: &str) -> &Self {
-        assert!(
-            self.err.contains(text),
-            "no {text:?} in stderr:\n{}",
-            self.err
-        );
-        assert!(!self.err.contains("panicked"), "{}", self.err);
-        self
-    }
-}
-
-fn run(command: &mut Command) -> Ran {
-    let output = command.output().unwrap();
-    Ran {
-        code: output.status.code().unwrap_or(-1),
-        out: String::from_utf8(output.stdout).unwrap(),
-        err: String::from_utf8(output.stderr).unwrap(),
-    }
-}
-
-fn text(path: &Path) -> String {
-    path.to_str().unwrap().to_owned()
-}
+use support::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model};
+use world::{World, run, text};
 
 #[test]
 fn a_constant_prediction_scores_what_is_worked_out_by_hand() {

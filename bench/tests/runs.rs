@@ -1,0 +1,506 @@
+//! Runs without a model, in parts, and broken off: what comes out is what one run would give.
+
+#[allow(dead_code, reason = "each test file needs another part of it")]
+mod support;
+#[path = "support/world.rs"]
+mod world;
+
+use std::{
+    fs,
+    io::Write as _,
+    path::Path,
+    process::{Command as Process, Stdio},
+};
+
+use assert_cmd::Command;
+use ndarray::Array3;
+use strat_onnx::graph::{Filter, Geometry, GraphBuilder};
+use strat_splits::Split;
+use strat_store::{
+    exr::{self, DepthHeader},
+    image_files,
+    raster::Plane,
+};
+use support::{HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, SCAN_DEPTH_M, WIDTH, network, write_model};
+use world::{Ran, World, run, text};
+
+/// Files that must not depend on how a run was divided or interrupted.
+const RESULTS: [&str; 3] = ["rows.csv", "leaderboard.csv", "table_3_1.csv"];
+
+fn merge(world: &World, out: &str) -> Ran {
+    let mut command = Command::cargo_bin("bench").unwrap();
+    run(command.arg("merge").arg(world.path(out)))
+}
+
+#[track_caller]
+fn same_results(world: &World, a: &str, b: &str) {
+    for file in RESULTS {
+        let of = |out: &str| fs::read_to_string(world.path(out).join(file)).unwrap();
+        assert_eq!(of(a), of(b), "{file}");
+    }
+}
+
+/// Saves an array `[count, rows, columns]` of one value, with its description.
+fn save(path: &Path, shape: (usize, usize, usize), value: f32, description: &str) {
+    ndarray_npy::write_npy(path, &Array3::from_elem(shape, value)).unwrap();
+    fs::write(path.with_extension("yaml"), description).unwrap();
+}
+
+#[test]
+fn what_a_run_saves_scores_as_the_model_did() {
+    let world = World::new(Split::Kitti, 5, false);
+    let model = write_model(world.folder.path(), "looks", 0.02, 0.05, "kitti");
+    let more = ["--model", &text(&model), "--save-predictions"];
+    world.bench("3.1", "model", &more).code(0);
+    let saved = text(&world.path("model/predictions.npy"));
+    let named = format!("looks={saved}");
+    let ran = world.bench("3.1", "saved", &["--predictions", &named]);
+    ran.code(0).says("leakage cannot");
+    let (from_model, from_file) = (world.rows("model"), world.rows("saved"));
+    assert_eq!(from_model.len(), 5);
+    for (a, b) in from_model.iter().zip(&from_file) {
+        assert_eq!((&a.image, a.score), (&b.image, b.score));
+        assert_eq!(b.context.runtime, "none");
+    }
+    // The same maps compressed, beside the same list of images.
+    let bytes = fs::read(&saved).unwrap();
+    let packed = world.path("model/packed.npz");
+    let mut zip = zip::ZipWriter::new(fs::File::create(&packed).unwrap());
+    let options = zip::write::SimpleFileOptions::default();
+    zip.start_file("disparities.npy", options).unwrap();
+    zip.write_all(&bytes).unwrap();
+    zip.finish().unwrap();
+    for ending in ["ids.txt", "yaml"] {
+        let from = world.path("model/predictions").with_extension(ending);
+        fs::copy(from, packed.with_extension(ending)).unwrap();
+    }
+    let ran = world.bench("3.1", "packed", &["--predictions", &text(&packed)]);
+    ran.code(0);
+    for (a, b) in from_file.iter().zip(&world.rows("packed")) {
+        assert_eq!(a.score, b.score);
+    }
+}
+
+/// Closed forms: depth that is the truth, and 1.1 times the truth.
+#[test]
+fn a_perfect_predictor_and_one_that_is_a_tenth_too_far() {
+    let world = World::new(Split::Eigen, 2, false);
+    let size = (2, HEIGHT as usize, WIDTH as usize);
+    let camera_m = SCAN_DEPTH_M - 0.25;
+    save(
+        &world.path("perfect.npy"),
+        size,
+        camera_m,
+        "meaning: depth_m\n",
+    );
+    // The same depth in a unit of 5.4 m, through a sigmoid, as monodepth2 saves it.
+    let sigmoid = (5.4 / f64::from(camera_m) - 0.01) / 9.99;
+    let description =
+        "meaning: inverse_depth\nscale: 5.4\nsigmoid: {min_depth: 0.1, max_depth: 100}\n";
+    save(
+        &world.path("sigmoid.npy"),
+        size,
+        sigmoid as f32,
+        description,
+    );
+    save(
+        &world.path("far.npy"),
+        size,
+        camera_m,
+        "meaning: depth_m\nscale: 1.1\n",
+    );
+    let mut more: Vec<String> = vec!["--protocol".into(), "eigen-cameraz-80".into()];
+    for name in ["perfect", "sigmoid", "far"] {
+        more.push("--predictions".into());
+        more.push(text(&world.path(&format!("{name}.npy"))));
+    }
+    let more: Vec<&str> = more.iter().map(String::as_str).collect();
+    world.bench("3.3", "out", &more).code(0);
+    let rows = world.rows("out");
+    let metrics = |model: &str, protocol: &str| {
+        let mut own = rows.iter().filter(|row| {
+            (row.context.model.as_str(), row.context.protocol.as_str()) == (model, protocol)
+        });
+        own.next().unwrap().score.metrics
+    };
+    for model in ["perfect", "sigmoid"] {
+        let m = metrics(model, "eigen-cameraz-80");
+        assert!(m.abs_rel < 1e-6 && m.rmse < 1e-5, "{model}: {m:?}");
+        // The scanner's own axis is 0.25 m longer.
+        let legacy = metrics(model, "eigen-80");
+        assert!((legacy.abs_rel - 0.025).abs() < 1e-6, "{model}: {legacy:?}");
+        assert!((legacy.rmse - 0.25).abs() < 1e-5, "{model}: {legacy:?}");
+    }
+    let m = metrics("far", "eigen-cameraz-80");
+    assert!((m.abs_rel - 0.1).abs() < 1e-6, "{m:?}");
+    assert!(
+        (m.sq_rel - 0.01 * f64::from(camera_m)).abs() < 1e-6,
+        "{m:?}"
+    );
+    assert!((m.rmse_log - 1.1_f64.ln()).abs() < 1e-6, "{m:?}");
+    assert_eq!([m.a1, m.a2, m.a3], [1.0; 3]);
+}
+
+#[test]
+fn a_folder_of_pictures_is_read_by_the_names_of_the_images() {
+    let world = World::new(Split::Kitti, 3, false);
+    let folder = world.path("maps");
+    fs::create_dir(&folder).unwrap();
+    let pixels = (WIDTH * HEIGHT) as usize;
+    // 4 % of the width, as KITTI's own disparity files have it: times 256.
+    let units = (0.04 * f64::from(WIDTH) * 256.0).round() as u16;
+    let png = image_files::encode_png_gray16(WIDTH, HEIGHT, &vec![units; pixels]);
+    fs::write(folder.join("000000.png"), png).unwrap();
+    let disparity_px = f32::from(units) / 256.0;
+    let plane = Plane::filled(WIDTH as usize, HEIGHT as usize, disparity_px);
+    let header = DepthHeader {
+        source: "test".to_owned(),
+        axis: "z".to_owned(),
+        focal_px: 1.0,
+        baseline_m: 1.0,
+        frame: "test".to_owned(),
+    };
+    let exr = exr::encode_depth(&plane, &header).unwrap();
+    fs::write(folder.join("kitti2015_000001.exr"), exr).unwrap();
+    fs::create_dir(folder.join("kitti2015")).unwrap();
+    let array = Array3::from_elem((1, HEIGHT as usize, WIDTH as usize), disparity_px);
+    ndarray_npy::write_npy(folder.join("kitti2015/000002.npy"), &array).unwrap();
+    let asked = ["--predictions", &text(&folder)];
+    world
+        .bench("3.1", "none", &asked)
+        .code(1)
+        .says("there is no description at");
+    fs::write(folder.join("predictions.yaml"), "meaning: disparity_px\n").unwrap();
+    world.bench("3.1", "out", &asked).code(0);
+    let rows = world.rows("out");
+    let expected = (1.0 - support::DISPARITY_PX / f64::from(disparity_px)).abs();
+    assert_eq!(rows.len(), 3);
+    for row in &rows {
+        let abs_rel = row.score.metrics.abs_rel;
+        assert!(
+            (abs_rel - expected).abs() < 1e-6,
+            "{}: {abs_rel}",
+            row.image
+        );
+    }
+    // A map that is not there costs its own image only.
+    fs::remove_file(folder.join("kitti2015_000001.exr")).unwrap();
+    world
+        .bench("3.1", "less", &asked)
+        .code(1)
+        .says("image kitti2015/000001: ")
+        .says("has no map for this image");
+    assert_eq!(world.rows("less").len(), 2);
+}
+
+#[test]
+fn arrays_of_the_whole_split_are_in_published_order() {
+    let world = World::new(Split::Eigen, 1, false);
+    let id = "2011_09_26_drive_0002/0000000000";
+    let list = strat_splits::test_ids(Split::Eigen);
+    let place = list.iter().position(|known| known == id).unwrap();
+    let path = world.path("all.npy");
+    let describe = "meaning: disparity_fraction\n";
+    let array = |place: usize, count: usize| {
+        let mut array = Array3::from_elem((count, 2, 4), 0.5_f32);
+        array
+            .index_axis_mut(ndarray::Axis(0), place)
+            .fill(3.6 / 124.0);
+        ndarray_npy::write_npy(&path, &array).unwrap();
+    };
+    save(&path, (1, 2, 4), 0.5, describe);
+    array(place, list.len());
+    let asked = ["--predictions", &text(&path)];
+    world.bench("3.3", "out", &asked).code(0);
+    let abs_rel = |out: &str| world.rows(out)[0].score.metrics.abs_rel;
+    assert!(abs_rel("out") < 1e-6, "{}", abs_rel("out"));
+    // Names beside the array say otherwise.
+    array(1, 3);
+    let names = path.with_extension("ids.txt");
+    fs::write(&names, format!("a/1\n{id}\nb/2\n")).unwrap();
+    world.bench("3.3", "named", &asked).code(0);
+    assert!(abs_rel("named") < 1e-6, "{}", abs_rel("named"));
+    fs::write(&names, format!("{id}\n{id}\nb/2\n")).unwrap();
+    world
+        .bench("3.3", "twice", &asked)
+        .code(1)
+        .says("it names an image twice");
+    fs::write(&names, "a/1\nb/2\nc/3\n").unwrap();
+    world
+        .bench("3.3", "others", &asked)
+        .code(1)
+        .says("has no map for this image");
+}
+
+#[test]
+fn predictions_that_cannot_be_used_are_sentences() {
+    let world = World::new(Split::Kitti, 2, false);
+    let describe = |name: &str, text: &str| {
+        fs::write(world.path(&format!("{name}.yaml")), text).unwrap();
+    };
+    let fraction = "meaning: disparity_fraction\n";
+    save(&world.path("many.npy"), (7, 2, 4), 0.03, fraction);
+    save(&world.path("nan.npy"), (2, 2, 4), f32::NAN, fraction);
+    save(
+        &world.path("odd.npy"),
+        (2, 2, 4),
+        0.03,
+        "meaning: fractions\n",
+    );
+    save(
+        &world.path("scale.npy"),
+        (2, 2, 4),
+        0.03,
+        "meaning: depth_m\nscale: 0\n",
+    );
+    fs::write(world.path("text.npy"), b"no array").unwrap();
+    describe("text", fraction);
+    fs::write(world.path("cut.npz"), b"PK\x03\x04").unwrap();
+    describe("cut", fraction);
+    let whole = fs::read(world.path("many.npy")).unwrap();
+    fs::write(world.path("short.npy"), &whole[..whole.len() - 8]).unwrap();
+    describe("short", fraction);
+    for (name, sentence) in [
+        ("many.npy", "it has 7 maps for the 2 test images of the set"),
+        ("nan.npy", "is not a number at row 0, column 0"),
+        ("odd.npy", "odd.yaml"),
+        ("scale.npy", "`scale` must be a positive number"),
+        ("text.npy", "it is no NumPy array"),
+        ("cut.npz", "it is no usable .npz"),
+        ("short.npy", "incomplete or damaged"),
+        ("nothing.npy", "cannot read"),
+    ] {
+        let path = text(&world.path(name));
+        world
+            .bench("3.1", &format!("out-{name}"), &["--predictions", &path])
+            .code(1)
+            .says(sentence);
+    }
+    let pp = text(&world.path("odd.npy"));
+    describe("odd", fraction);
+    let more = ["--predictions", &pp, "--protocol", "kitti2015-pp"];
+    world
+        .bench("3.1", "pp", &more)
+        .code(1)
+        .says("kitti2015-pp needs predictions of mirrored images");
+    assert_eq!(world.rows("pp").len(), 2);
+}
+
+#[test]
+fn parts_merge_into_the_bytes_of_one_run() {
+    let world = World::new(Split::Kitti, 11, true);
+    let model = write_model(world.folder.path(), "looks", 0.02, 0.05, "kitti");
+    let other = write_model(world.folder.path(), "other", 0.05, 0.0, "kitti");
+    fs::write(world.path("set/f/000004.png"), b"not what was prepared").unwrap();
+    fs::remove_file(world.path("set/noc/000007.exr")).unwrap();
+    let asked = ["--model", &text(&model), "--model", &text(&other)];
+    let whole = world.bench("all", "whole", &asked);
+    whole.code(1);
+    let part = |shard: &str, asked: &[&str]| {
+        let more = [asked, &["--shard", shard]].concat();
+        world.bench("all", "parts", &more)
+    };
+    merge(&world, "parts").code(1).says("cannot be used");
+    for shard in ["0/3", "2/3"] {
+        assert_eq!(part(shard, &asked).out, "");
+    }
+    merge(&world, "parts")
+        .code(1)
+        .says("1 of 3 parts")
+        .says("--shard 1/3");
+    part("1/3", &asked[..2]);
+    merge(&world, "parts")
+        .code(1)
+        .says("parts 0/3 and 1/3")
+        .says("the list of models");
+    part("1/3", &asked);
+    let merged = merge(&world, "parts");
+    merged.code(1).says("failures.csv");
+    assert_eq!(merged.out, whole.out);
+    same_results(&world, "whole", "parts");
+    for file in ["failures.csv", "table_3_2.txt"] {
+        let of = |out: &str| fs::read_to_string(world.path(out).join(file)).unwrap();
+        assert_eq!(of("whole"), of("parts"), "{file}");
+    }
+    assert!(!world.path("parts/parts").exists());
+    let record = fs::read_to_string(world.path("parts/run.yaml")).unwrap();
+    assert!(record.contains("images: 9"), "{record}");
+    part("3/3", &asked).code(2).says("the last of 3 is 2/3");
+}
+
+#[test]
+fn an_interrupted_run_goes_on_and_ends_the_same() {
+    let world = World::new(Split::Kitti, 9, true);
+    let model = write_model(world.folder.path(), "looks", 0.02, 0.05, "kitti");
+    let asked = ["--model", &text(&model)];
+    world.bench("all", "whole", &asked).code(0);
+    let left_over = |out: &str| {
+        let names = fs::read_dir(world.path(out)).unwrap();
+        let mut names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.any(|name| name.starts_with("unfinished"))
+    };
+    assert!(!left_over("whole"));
+    // What a killed run leaves: the rows of some images, the last one in part.
+    let rows = world.rows("whole");
+    let mut journal = Vec::new();
+    let some: Vec<_> = (0..4)
+        .flat_map(|image| {
+            let id = format!("kitti2015/{image:06}");
+            let own = rows.iter().filter(move |row| row.image == id);
+            own.cloned().collect::<Vec<_>>()
+        })
+        .collect();
+    strat_metrics::rows::write(&some, &mut journal).unwrap();
+    journal.truncate(journal.len() - 20);
+    fs::create_dir(world.path("again")).unwrap();
+    let place = world.path("again/unfinished-looks.csv");
+    fs::write(&place, &journal).unwrap();
+    world
+        .bench("all", "again", &asked)
+        .code(0)
+        .says("3 of 9 images were measured before");
+    same_results(&world, "whole", "again");
+    assert!(!left_over("again"));
+    // Another model is not mixed in, whatever it is called.
+    fs::write(&place, &journal).unwrap();
+    let other = write_model(world.folder.path(), "other", 0.05, 0.0, "kitti");
+    let renamed = format!("looks={}", text(&other));
+    let ran = world.bench("all", "again", &["--model", &renamed]);
+    assert!(!ran.code(0).err.contains("measured before"), "{}", ran.err);
+}
+
+/// Kills real processes. By default few of them; `STRAT_KILLS=50` for more.
+#[test]
+fn killed_at_any_moment_the_next_run_completes_it() {
+    let kills: u64 = std::env::var("STRAT_KILLS").map_or(3, |kills| kills.parse().unwrap());
+    let world = World::new(Split::Kitti, 40, false);
+    let model = write_model(world.folder.path(), "looks", 0.02, 0.05, "kitti");
+    world
+        .bench("3.1", "whole", &["--model", &text(&model)])
+        .code(0);
+    let rows = fs::read_to_string(world.path("whole/rows.csv"))
+        .unwrap()
+        .len();
+    for kill in 0..kills {
+        let mut process = Process::new(assert_cmd::cargo::cargo_bin("bench"))
+            .args([
+                "--table",
+                "3.1",
+                "--runtime",
+                "embedded",
+                "--quiet",
+                "--data",
+            ])
+            .arg(world.path("set"))
+            .arg("--out")
+            .arg(world.path("killed"))
+            .arg("--model")
+            .arg(&model)
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        // Killed when the journal has grown to a share of the rows, not after some time.
+        let wanted = rows as u64 * (kill + 1) / (kills + 1);
+        let journal = world.path("killed/unfinished-looks.csv");
+        while fs::metadata(&journal).map_or(0, |file| file.len()) < wanted {
+            if process.try_wait().unwrap().is_some() {
+                break;
+            }
+            std::thread::yield_now();
+        }
+        process.kill().unwrap();
+        process.wait().unwrap();
+    }
+    world
+        .bench("3.1", "killed", &["--model", &text(&model)])
+        .code(0);
+    same_results(&world, "whole", "killed");
+}
+
+/// A network of TensorFlow's layout: the convolution sees rows as channels, so that one by one it
+/// leaves everything where it is.
+#[test]
+fn both_layouts_see_the_same_picture() {
+    let world = World::new(Split::Kitti, 3, false);
+    let (height, width) = (INPUT_HEIGHT as usize, INPUT_WIDTH as usize);
+    let one_by_one =
+        |inputs: usize, outputs: usize, picks: fn(usize, usize) -> bool, dims: [usize; 3]| {
+            let mut graph = GraphBuilder::new("layout");
+            let [a, b, c] = dims;
+            let dims = ["N".into(), a.into(), b.into(), c.into()];
+            let image = graph.input("image", &dims).unwrap();
+            let weight = |at: usize| {
+                if picks(at / inputs, at % inputs) {
+                    0.05
+                } else {
+                    0.0
+                }
+            };
+            let filter = Filter {
+                shape: [outputs, inputs, 1, 1],
+                weights: (0..inputs * outputs).map(weight).collect(),
+                bias: vec![0.02; outputs],
+            };
+            let out = graph
+                .conv("conv", image, filter, Geometry::new(1, 0))
+                .unwrap();
+            graph.output("disparity", out).unwrap();
+            graph.finish(None).unwrap()
+        };
+    let first = one_by_one(3, 3, |o, i| o == i, [3, height, width]);
+    let last = one_by_one(height, height, |o, i| o == i, [height, width, 3]);
+    fs::write(world.path("nchw.onnx"), first).unwrap();
+    fs::write(world.path("nhwc.onnx"), last).unwrap();
+    for layout in ["nchw", "nhwc"] {
+        let description = format!(
+            "input: {{width: {width}, height: {height}, range: 0..1, layout: {layout}}}\n\
+             output: {{meaning: disparity_fraction, channel: 1, layout: {layout}}}\n"
+        );
+        fs::write(world.path(&format!("{layout}.yaml")), description).unwrap();
+        let path = text(&world.path(&format!("{layout}.onnx")));
+        let more = ["--model", &path, "--protocol", "kitti2015-pp"];
+        world.bench("3.1", layout, &more).code(0);
+    }
+    let (a, b) = (world.rows("nchw"), world.rows("nhwc"));
+    assert_eq!(a.len(), 6);
+    for (a, b) in a.iter().zip(&b) {
+        let (a, b) = (a.score.metrics.to_array(), b.score.metrics.to_array());
+        for (a, b) in a.into_iter().zip(b) {
+            assert!((a - b).abs() < 1e-6, "{a} and {b}");
+        }
+    }
+    // The wrong layout is a sentence, and so is a map of the wrong rank.
+    let yaml = fs::read_to_string(world.path("nchw.yaml")).unwrap();
+    fs::write(
+        world.path("nchw.yaml"),
+        yaml.replace("0..1, layout: nchw", "0..1, layout: nhwc"),
+    )
+    .unwrap();
+    let path = text(&world.path("nchw.onnx"));
+    world
+        .bench("3.1", "wrong", &["--model", &path])
+        .code(1)
+        .says("does not fit its description")
+        .says("layout: nchw");
+    fs::write(
+        world.path("nchw.yaml"),
+        yaml.replace("channel: 1", "channel: 3"),
+    )
+    .unwrap();
+    world
+        .bench("3.1", "channel", &["--model", &path])
+        .code(1)
+        .says("has the shape [1, 3, 16, 32], but [1, 4 or more, height, width] is needed");
+}
+
+#[test]
+fn an_output_of_zeros_is_counted_and_called_dead() {
+    let world = World::new(Split::Kitti, 2, false);
+    let path = world.path("zero.onnx");
+    fs::write(&path, network(0.0, 0.0, Some(&support::metadata("kitti")))).unwrap();
+    world
+        .bench("3.1", "out", &["--model", &text(&path)])
+        .code(0)
+        .says("7440 of 7440 pixels scored under kitti2015")
+        .says("DEAD OUTPUT: model zero gives no disparity above the floor in 2 of 2 images");
+}
