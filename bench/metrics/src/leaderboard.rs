@@ -32,7 +32,7 @@ use crate::tables::ThesisTable;
 pub const SCHEMA: u32 = 1;
 
 /// Column names in the order in which they are written.
-pub const COLUMNS: [&str; 41] = [
+pub const COLUMNS: [&str; 45] = [
     "schema",
     "method",
     "origin",
@@ -63,7 +63,11 @@ pub const COLUMNS: [&str; 41] = [
     "a3_low",
     "a3_high",
     "rmse_pooled",
+    "rmse_pooled_low",
+    "rmse_pooled_high",
     "d1_all",
+    "d1_all_low",
+    "d1_all_high",
     "intervals",
     "images",
     "expected_images",
@@ -76,8 +80,9 @@ pub const COLUMNS: [&str; 41] = [
     "tool_version",
 ];
 
-/// Place of `abs_rel` in [`COLUMNS`]; each metric is followed by the ends of its interval.
-const FIRST_METRIC: usize = 8;
+/// Place of `abs_rel` in [`COLUMNS`]; each of the nine figures from there on is followed by the
+/// ends of its interval.
+const FIRST_FIGURE: usize = 8;
 
 /// Who says so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -132,8 +137,12 @@ pub struct Entry {
     pub intervals: [Option<Interval>; 7],
     /// Root of the squared error pooled over all pixels, metres.
     pub rmse_pooled: Option<f64>,
+    /// 95 % interval of `rmse_pooled`.
+    pub rmse_pooled_interval: Option<Interval>,
     /// D1-all in percent.
     pub d1_all: Option<f64>,
+    /// 95 % interval of `d1_all`.
+    pub d1_all_interval: Option<Interval>,
     /// How the intervals were drawn, in words.
     pub interval_method: Option<String>,
     /// Images scored.
@@ -209,7 +218,9 @@ pub fn measured(
                     None => [None; 7],
                 },
                 rmse_pooled: Some(summary.pooled_rmse),
+                rmse_pooled_interval: summary.pooled_rmse_interval,
                 d1_all: summary.d1_all,
+                d1_all_interval: summary.d1_all_interval,
                 interval_method: summary.intervals.map(|_| {
                     format!(
                         "95 % percentile bootstrap over {} {unit}, {} resamples, seed {}",
@@ -244,7 +255,9 @@ pub fn published() -> Vec<Entry> {
         metrics: [None; 7],
         intervals: [None; 7],
         rmse_pooled: None,
+        rmse_pooled_interval: None,
         d1_all: None,
+        d1_all_interval: None,
         interval_method: None,
         images: None,
         expected_images: None,
@@ -303,16 +316,18 @@ impl Entry {
             self.protocol.clone(),
             cell(self.group),
         ];
-        for (metric, interval) in self.metrics.iter().zip(&self.intervals) {
+        let figures = self.metrics.iter().zip(&self.intervals).chain([
+            (&self.rmse_pooled, &self.rmse_pooled_interval),
+            (&self.d1_all, &self.d1_all_interval),
+        ]);
+        for (figure, interval) in figures {
             cells.extend([
-                cell(*metric),
+                cell(*figure),
                 cell(interval.map(|interval| interval.low)),
                 cell(interval.map(|interval| interval.high)),
             ]);
         }
         cells.extend([
-            cell(self.rmse_pooled),
-            cell(self.d1_all),
             cell(self.interval_method.as_ref()),
             cell(self.images),
             cell(self.expected_images),
@@ -383,11 +398,11 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
                 fields.required("citation")?;
             }
         }
-        let mut metrics = [None; 7];
-        let mut intervals = [None; 7];
-        for place in 0..7 {
-            let [value, low, high] = [0, 1, 2].map(|i| COLUMNS[FIRST_METRIC + 3 * place + i]);
-            metrics[place] = fields.optional_measure(value)?;
+        let mut figures = [None; 9];
+        let mut intervals = [None; 9];
+        for place in 0..9 {
+            let [value, low, high] = [0, 1, 2].map(|i| COLUMNS[FIRST_FIGURE + 3 * place + i]);
+            figures[place] = fields.optional_measure(value)?;
             intervals[place] = match (
                 fields.optional_measure(low)?,
                 fields.optional_measure(high)?,
@@ -398,6 +413,10 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
                 (Some(_), None) => return Err(fields.error(high, "the other end of the interval")),
             };
         }
+        let [a, b, c, d, e, f, g, rmse_pooled, d1_all] = figures;
+        let metrics = [a, b, c, d, e, f, g];
+        let [a, b, c, d, e, f, g, rmse_pooled_interval, d1_all_interval] = intervals;
+        let intervals = [a, b, c, d, e, f, g];
         Ok(Entry {
             method: fields.required("method")?,
             origin,
@@ -411,8 +430,10 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
             )?,
             metrics,
             intervals,
-            rmse_pooled: fields.optional_measure("rmse_pooled")?,
-            d1_all: fields.optional_measure("d1_all")?,
+            rmse_pooled,
+            rmse_pooled_interval,
+            d1_all,
+            d1_all_interval,
             interval_method: filled("intervals"),
             images: count("images")?,
             expected_images: count("expected_images")?,
@@ -622,7 +643,7 @@ mod tests {
     #[test]
     fn metrics_stand_where_the_header_says() {
         for (place, metric) in Metric::ALL.into_iter().enumerate() {
-            assert_eq!(COLUMNS[FIRST_METRIC + 3 * place], metric.name());
+            assert_eq!(COLUMNS[FIRST_FIGURE + 3 * place], metric.name());
         }
         assert_eq!(measured_entries()[0].cells().len(), COLUMNS.len());
     }

@@ -66,6 +66,10 @@ pub struct Summary {
     /// Intervals of the means in the order of [`Metric::ALL`]; `None` where there are fewer
     /// than two clusters to draw from.
     pub intervals: Option<[Interval; 7]>,
+    /// Interval of `d1_all`.
+    pub d1_all_interval: Option<Interval>,
+    /// Interval of `pooled_rmse`.
+    pub pooled_rmse_interval: Option<Interval>,
 }
 
 /// Mean and interval of the difference between two models over the images both were scored on.
@@ -103,16 +107,23 @@ fn key(row: &Row) -> Key<'_> {
 pub fn summarise(rows: &[&Row], bootstrap: &Bootstrap) -> Option<Summary> {
     // Sorted, so that sums do not depend on the order of the rows.
     let sorted: BTreeMap<Key<'_>, &Row> = rows.iter().map(|row| (key(row), *row)).collect();
-    let metrics = sorted
-        .iter()
-        .map(|(key, row)| (*key, row.score.metrics.to_array()));
-    let clusters = Clusters::new(metrics);
-    let mean = Metrics::from_array(clusters.mean()?);
+    let figures = sorted.iter().map(|(key, row)| {
+        let [a, b, c, d, e, f, g] = row.score.metrics.to_array();
+        let (squared, pixels) = (row.score.sum_squared_error, row.score.pixels as f64);
+        let d1 = row.score.d1_all.unwrap_or_default();
+        (*key, [a, b, c, d, e, f, g, d1, squared, pixels])
+    });
+    let clusters = Clusters::new(figures);
+    let [a, b, c, d, e, f, g, ..] = clusters.mean()?;
+    let mean = Metrics::from_array([a, b, c, d, e, f, g]);
+    let draws = clusters.resample(bootstrap);
     let images: BTreeSet<&str> = sorted.keys().map(|(image, _)| *image).collect();
     let sum = |value: fn(&Row) -> u64| sorted.values().map(|row| value(row)).sum::<u64>();
     let pixels = sum(|row| row.score.pixels);
     let squared: f64 = sorted.values().map(|row| row.score.sum_squared_error).sum();
     let d1: Option<Vec<f64>> = sorted.values().map(|row| row.score.d1_all).collect();
+    let has_d1 = d1.is_some();
+    let interval = |figure: fn(&[f64; 10]) -> f64| draws.as_ref().map(|d| interval(d, figure));
     Some(Summary {
         images: images.len() as u64,
         clusters: clusters.0.len() as u64,
@@ -121,7 +132,9 @@ pub fn summarise(rows: &[&Row], bootstrap: &Bootstrap) -> Option<Summary> {
         mean,
         d1_all: d1.map(|values| values.iter().sum::<f64>() / values.len() as f64),
         pooled_rmse: (squared / pixels as f64).sqrt(),
-        intervals: clusters.resample(bootstrap).map(intervals),
+        intervals: draws.as_deref().map(intervals),
+        d1_all_interval: interval(|draw| draw[7]).filter(|_| has_d1),
+        pooled_rmse_interval: interval(|draw| (draw[8] / draw[9]).sqrt()),
     })
 }
 
@@ -164,31 +177,32 @@ pub fn paired(first: &[&Row], second: &[&Row], bootstrap: &Bootstrap) -> Option<
         images: images.len() as u64,
         clusters: clusters.0.len() as u64,
         mean,
-        intervals: draws.map(intervals),
+        intervals: draws.as_deref().map(intervals),
         second_better,
     })
 }
 
-/// Per cluster, in the order of their names: sums over its rows and their number.
-struct Clusters(Vec<([f64; 7], u32)>);
+/// Per cluster, in the order of their names: sums of `N` figures over its rows and the number of
+/// rows. The first seven figures are the metrics.
+struct Clusters<const N: usize>(Vec<([f64; N], u32)>);
 
-impl Clusters {
-    fn new<'a>(values: impl Iterator<Item = (Key<'a>, [f64; 7])>) -> Self {
-        let mut sums: BTreeMap<&str, ([f64; 7], u32)> = BTreeMap::new();
+impl<const N: usize> Clusters<N> {
+    fn new<'a>(values: impl Iterator<Item = (Key<'a>, [f64; N])>) -> Self {
+        let mut sums: BTreeMap<&str, ([f64; N], u32)> = BTreeMap::new();
         for ((image, _), values) in values {
-            let (sum, count) = sums.entry(cluster_of(image)).or_default();
+            let (sum, count) = sums.entry(cluster_of(image)).or_insert(([0.0; N], 0));
             add(sum, &values);
             *count += 1;
         }
         Self(sums.into_values().collect())
     }
 
-    fn mean(&self) -> Option<[f64; 7]> {
+    fn mean(&self) -> Option<[f64; N]> {
         (!self.0.is_empty()).then(|| mean_of(self.0.iter()))
     }
 
     /// Means of resamples; `None` if there are no two clusters to choose between.
-    fn resample(&self, bootstrap: &Bootstrap) -> Option<Vec<[f64; 7]>> {
+    fn resample(&self, bootstrap: &Bootstrap) -> Option<Vec<[f64; N]>> {
         let clusters = &self.0;
         let count = u32::try_from(clusters.len()).ok()?;
         if count < 2 {
@@ -203,14 +217,14 @@ impl Clusters {
     }
 }
 
-fn add(sum: &mut [f64; 7], values: &[f64; 7]) {
+fn add<const N: usize>(sum: &mut [f64; N], values: &[f64; N]) {
     for (sum, value) in sum.iter_mut().zip(values) {
         *sum += value;
     }
 }
 
-fn mean_of<'a>(clusters: impl Iterator<Item = &'a ([f64; 7], u32)>) -> [f64; 7] {
-    let mut total = [0.0; 7];
+fn mean_of<'a, const N: usize>(clusters: impl Iterator<Item = &'a ([f64; N], u32)>) -> [f64; N] {
+    let mut total = [0.0; N];
     let mut rows = 0;
     for (sum, count) in clusters {
         add(&mut total, sum);
@@ -219,15 +233,17 @@ fn mean_of<'a>(clusters: impl Iterator<Item = &'a ([f64; 7], u32)>) -> [f64; 7] 
     total.map(|value| value / f64::from(rows))
 }
 
-fn intervals(draws: Vec<[f64; 7]>) -> [Interval; 7] {
-    Metric::ALL.map(|metric| {
-        let mut values: Vec<f64> = draws.iter().map(|draw| draw[metric as usize]).collect();
-        values.sort_by(f64::total_cmp);
-        Interval {
-            low: percentile(&values, 0.025),
-            high: percentile(&values, 0.975),
-        }
-    })
+fn intervals<const N: usize>(draws: &[[f64; N]]) -> [Interval; 7] {
+    Metric::ALL.map(|metric| interval(draws, |draw| draw[metric as usize]))
+}
+
+fn interval<const N: usize>(draws: &[[f64; N]], figure: impl Fn(&[f64; N]) -> f64) -> Interval {
+    let mut values: Vec<f64> = draws.iter().map(figure).collect();
+    values.sort_by(f64::total_cmp);
+    Interval {
+        low: percentile(&values, 0.025),
+        high: percentile(&values, 0.975),
+    }
 }
 
 /// Percentile of sorted values with linear interpolation between neighbours.
@@ -288,6 +304,33 @@ mod tests {
             (2, 200, 2)
         );
         assert_eq!(summarise(&[], &Bootstrap::default()), None);
+    }
+
+    /// In these rows D1 is ten times Abs Rel, and the pooled error ten times the root of a fiftieth
+    /// of its mean: their intervals follow from that of Abs Rel.
+    #[test]
+    fn every_figure_has_its_interval() {
+        let rows = frames(9, 4, |drive, frame| f64::from(drive * 5 + frame * 3 % 7));
+        let summary = summarise(&refs(&rows), &Bootstrap::default()).unwrap();
+        let abs_rel = summary.intervals.unwrap()[Metric::AbsRel as usize];
+        let d1 = summary.d1_all_interval.unwrap();
+        assert!((d1.low - 10.0 * abs_rel.low).abs() < 1e-9, "{d1:?}");
+        assert!((d1.high - 10.0 * abs_rel.high).abs() < 1e-9, "{d1:?}");
+        let pooled = summary.pooled_rmse_interval.unwrap();
+        // Percentiles fall on draws here, so the root may be taken before or after.
+        assert!(
+            (pooled.low - (2.0 * abs_rel.low).sqrt()).abs() < 1e-3,
+            "{pooled:?}"
+        );
+        assert!(
+            (pooled.high - (2.0 * abs_rel.high).sqrt()).abs() < 1e-3,
+            "{pooled:?}"
+        );
+        assert!(pooled.low < summary.pooled_rmse && summary.pooled_rmse < pooled.high);
+        let mut without = rows;
+        without[3].score.d1_all = None;
+        let summary = summarise(&refs(&without), &Bootstrap::default()).unwrap();
+        assert_eq!((summary.d1_all, summary.d1_all_interval), (None, None));
     }
 
     #[test]
@@ -418,7 +461,7 @@ mod tests {
                 resamples: 400,
                 seed: world as u64,
             };
-            let interval = intervals(Clusters(clusters).resample(&bootstrap).unwrap())[0];
+            let interval = intervals(&Clusters(clusters).resample(&bootstrap).unwrap())[0];
             covered += usize::from(interval.low <= 3.0 && 3.0 <= interval.high);
         }
         let share = covered as f64 / WORLDS as f64;

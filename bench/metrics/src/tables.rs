@@ -24,7 +24,7 @@ use crate::metrics::{Metric, Metrics};
 use crate::protocol::{Group, protocol};
 use crate::published::{self, Marker, PublishedRow};
 use crate::rows::{ModelRows, Row, RowsError, by_model};
-use crate::statistics::{Bootstrap, Summary, summarise};
+use crate::statistics::{Bootstrap, Interval, Summary, summarise};
 
 /// A table of the thesis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -518,6 +518,10 @@ fn measured_notes(protocol: &str, model: &ModelRows<'_>, summary: &Summary) -> V
             summary.clusters,
             figures.join(", ")
         ));
+        if let (Some(last), Some(d1)) = (notes.last_mut(), summary.d1_all_interval) {
+            last.truncate(last.len() - 1);
+            *last += &format!(", D1-all {:.3} to {:.3}.", d1.low, d1.high);
+        }
     }
     if summary.floored_pixels > 0 {
         notes.push(format!(
@@ -665,6 +669,7 @@ impl Table {
         let pooled = "Root of the mean over all pixels of the group";
         for (heading, is_pooled) in [(per_image, false), (pooled, true)] {
             let mut section = part.section(Some(heading.to_owned()), coverage);
+            let mut ends: Vec<Vec<String>> = vec![Vec::new(); part.models.len()];
             for group in Group::ALL {
                 let mut line = Line {
                     measured: !part.models.is_empty(),
@@ -683,15 +688,24 @@ impl Table {
                     line.cells.push(Cell::figure(printed.map(|cell| cell.rmse)));
                 }
                 let mut counts = Vec::new();
-                for (model, _) in &part.models {
+                for ((model, _), ends) in part.models.iter().zip(&mut ends) {
                     let summary = summarise(&model.of_group(Some(group)), &Bootstrap::default());
-                    let rmse = summary.as_ref().map(|summary| {
+                    let figure = summary.as_ref().map(|summary| {
                         if is_pooled {
-                            summary.pooled_rmse
+                            (summary.pooled_rmse, summary.pooled_rmse_interval)
                         } else {
-                            summary.mean.rmse
+                            let of_mean = summary.intervals.map(|all| all[Metric::Rmse as usize]);
+                            (summary.mean.rmse, of_mean)
                         }
                     });
+                    let rmse = figure.map(|(rmse, _)| rmse);
+                    if let Some((_, Some(interval))) = figure {
+                        let Interval { low, high } = interval;
+                        ends.push(format!(
+                            "{} {low:.3} to {high:.3}",
+                            capitalised(group.name())
+                        ));
+                    }
                     competing.push(part.competes(model, coverage));
                     line.cells.push(Cell::figure(rmse));
                     counts.push(summary.map_or((0, 0), |summary| (summary.images, summary.pixels)));
@@ -714,6 +728,18 @@ impl Table {
                 };
                 line.cells.extend([images, pixels]);
                 section.lines.push(line);
+            }
+            for ((model, _), ends) in part.models.iter().zip(ends) {
+                if !ends.is_empty() {
+                    self.notes.push(format!(
+                        "{} under {}, {}, 95 % intervals ({} resamples): {}.",
+                        display_name(model),
+                        part.protocol,
+                        heading.to_lowercase(),
+                        Bootstrap::default().resamples,
+                        ends.join(", ")
+                    ));
+                }
             }
             self.sections.push(section);
         }
