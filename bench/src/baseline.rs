@@ -14,7 +14,7 @@ use strat_store::{
     set::{PreparedSet, Sample},
 };
 
-use crate::predict::{SampleError, check_file};
+use crate::predict::{SampleError, checked_bytes};
 
 /// Name of the row in tables.
 pub const NAME: &str = "Median depth (constant)";
@@ -88,8 +88,8 @@ impl MedianDepth {
                         let Some(file) = &sample.depth_velodyne else {
                             return Ok(Vec::new());
                         };
-                        check_file(set, file)?;
-                        let (depth, _) = exr::read_depth(&set.path(file))?;
+                        let bytes = checked_bytes(set, file)?;
+                        let (depth, _) = exr::decode_depth(&bytes, &set.path(file))?;
                         Ok(binned(&depth))
                     })
                     .collect()

@@ -494,8 +494,8 @@ fn load_truth(
         GroundTruthKind::Laser => (&sample.depth_laser, "laser ground truth"),
     };
     let file = file.as_ref().ok_or(SampleError::Missing { what })?;
-    check_file(set, file)?;
-    let (depth, header) = exr::read_depth(&set.path(file))?;
+    let bytes = checked_bytes(set, file)?;
+    let (depth, header) = exr::decode_depth(&bytes, &set.path(file))?;
     // The laser measured a grid of its own.
     if kind != GroundTruthKind::Laser
         && (depth.width, depth.height) != (sample.width as usize, sample.height as usize)
@@ -691,8 +691,8 @@ fn load_labels(set: &PreparedSet, sample: &Sample) -> Result<Vec<u8>, SampleErro
     let file = sample.semantic.as_ref().ok_or(SampleError::Missing {
         what: "semantic labels",
     })?;
-    check_file(set, file)?;
-    let (width, height, labels) = image_files::read_gray8(&set.path(file))?;
+    let bytes = checked_bytes(set, file)?;
+    let (width, height, labels) = image_files::decode_gray8(&bytes, &file.path)?;
     if (width, height) != (sample.width as usize, sample.height as usize) {
         return Err(SampleError::Size {
             path: file.path.clone(),
@@ -706,21 +706,10 @@ fn load_labels(set: &PreparedSet, sample: &Sample) -> Result<Vec<u8>, SampleErro
 }
 
 /// The bytes of a file of the set, which must be those that were prepared.
-fn checked_bytes(set: &PreparedSet, file: &FileRef) -> Result<Vec<u8>, SampleError> {
+pub(crate) fn checked_bytes(set: &PreparedSet, file: &FileRef) -> Result<Vec<u8>, SampleError> {
     let bytes = files::read(&set.path(file))?;
     if files::blake3_hex(&bytes) == file.blake3 {
         Ok(bytes)
-    } else {
-        Err(SampleError::Changed {
-            path: file.path.clone(),
-        })
-    }
-}
-
-/// The same for files that are read by path.
-pub(crate) fn check_file(set: &PreparedSet, file: &FileRef) -> Result<(), SampleError> {
-    if files::blake3_file(&set.path(file))? == file.blake3 {
-        Ok(())
     } else {
         Err(SampleError::Changed {
             path: file.path.clone(),

@@ -54,8 +54,7 @@ def projection(day):
     return cam["P_rect_02"].reshape(3, 4) @ rectify @ transform, width, height
 
 
-def scan(job):
-    source, target, (matrix, width, height) = job
+def scan_depth(source, matrix, width, height):
     points = np.fromfile(source, dtype=np.float32).reshape(-1, 4)
     points[:, 3] = 1.0
     points = points[points[:, 0] >= 0]
@@ -72,7 +71,12 @@ def scan(job):
         same = np.where(keys == key)[0]
         depth[row[same[0]], column[same[0]]] = value[same].min()
     depth[depth < 0] = 0
-    depth = depth.astype(np.float32)
+    return depth.astype(np.float32)
+
+
+def scan(job):
+    source, target, placed = job
+    depth = scan_depth(source, *placed)
     if target:
         depth.tofile(target)
 

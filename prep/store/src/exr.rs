@@ -59,8 +59,15 @@ pub fn encode_depth(depth_m: &Plane, header: &DepthHeader) -> Result<Vec<u8>> {
 /// The file cannot be read, is truncated or no EXR, has no channel `Y`, is not in metres, or
 /// its header is incomplete.
 pub fn read_depth(path: &Path) -> Result<(Plane, DepthHeader)> {
-    let bytes = files::read(path)?;
-    decode(&bytes).map_err(|problem| Error::Depth {
+    decode_depth(&files::read(path)?, path)
+}
+
+/// Decodes the bytes of a depth file; `path` is used in messages.
+///
+/// # Errors
+/// As [`read_depth`].
+pub fn decode_depth(bytes: &[u8], path: &Path) -> Result<(Plane, DepthHeader)> {
+    decode(bytes).map_err(|problem| Error::Depth {
         path: path.to_owned(),
         problem,
     })
