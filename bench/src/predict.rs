@@ -246,7 +246,13 @@ pub fn evaluate<O: Observer>(
         Predictor::Saved(saved) => Source::Saved(saved),
         Predictor::MedianDepth(median) => Source::MedianDepth(median),
     };
-    let chunk_size = 2 * pool.current_num_threads().max(1);
+    // All threads wait for the last one of a chunk: larger ones lose less where no network runs,
+    // smaller ones hold less in memory beside one that does.
+    let each = match source {
+        Source::Network(_) => 2,
+        Source::Saved(_) | Source::MedianDepth(_) => 8,
+    };
+    let chunk_size = each * pool.current_num_threads().max(1);
     let chunks: Vec<&[Sample]> = task.samples.chunks(chunk_size).collect();
 
     let mut rows: Vec<Vec<Row>> = vec![Vec::new(); task.protocols.len()];

@@ -69,15 +69,17 @@ def metrics(gt, pred):
     ]
 
 
-def python_evaluation(disparities, samples, raw, ground_truth):
+def python_evaluation(disparities, samples, images, raw, ground_truth):
     """The Eigen evaluation, 80 m and Garg crop, as the published scripts go about it."""
     rows = []
     for disparity, sample in zip(disparities, samples):
         drive, frame = sample["id"].split("/")
         day = raw / drive[:10]
         if ground_truth is None:
-            matrix, width, height = projection(day)
+            matrix = projection(day)[0]
             scan = day / f"{drive}_sync" / "velodyne_points" / "data" / f"{frame}.bin"
+            # The size is that of the image, which monodepth's script decodes for it.
+            height, width = cv2.imread(str(images / sample["left_full"])).shape[:2]
             gt = scan_depth(scan, matrix, width, height)
         else:
             gt = np.load(ground_truth / f"{sample['id'].replace('/', '_')}.npz")["depth"]
@@ -153,7 +155,7 @@ def main():
             for times, ground_truth in ((scripts, None), (before, truth)):
                 start = time.perf_counter()
                 for _ in ("eigen-80", "eigen-50"):  # the script runs once for each cap
-                    found = python_evaluation(disparities, samples, args.raw, ground_truth)
+                    found = python_evaluation(disparities, samples, args.data, args.raw, ground_truth)
                 times.append(time.perf_counter() - start)
             out = folder / f"saved{repeat}"
             bench(args.bench, "--table", "3.3", "--data", args.data, "--predictions", saved, "--out", out, "--jobs",
