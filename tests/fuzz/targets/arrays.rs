@@ -1,0 +1,79 @@
+//! NumPy and MATLAB arrays, saved predictions, and lists in archives.
+#![no_main]
+
+mod damage;
+
+use std::sync::LazyLock;
+
+use libfuzzer_sys::fuzz_target;
+use strat_bench::saved::SavedPredictions;
+use strat_prep::{mat, npy, source};
+use strat_store::set::{Content, FileRef, Sample};
+use tempfile::TempDir;
+
+static NPY: LazyLock<Vec<u8>> = LazyLock::new(|| npy::encode(3, 2, &[0.25; 6]));
+static FOLDER: LazyLock<TempDir> = LazyLock::new(|| {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("p.yaml"), "meaning: disparity_fraction\n").expect("written");
+    folder
+});
+
+/// A level 5 MAT-file's header and one small matrix of doubles, not compressed.
+fn matrix() -> Vec<u8> {
+    let mut bytes = vec![b' '; 124];
+    bytes.extend([0x00, 0x01, b'I', b'M']);
+    let mut body = Vec::new();
+    body.extend([6, 0, 0, 0, 8, 0, 0, 0, 6, 0, 0, 0, 0, 0, 0, 0]);
+    body.extend([5, 0, 0, 0, 8, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0]);
+    body.extend([1, 0, 0, 0, 1, 0, 0, 0, b'x', 0, 0, 0, 0, 0, 0, 0]);
+    body.extend([9, 0, 0, 0, 16, 0, 0, 0]);
+    body.extend([1.5_f64, 2.5].iter().flat_map(|value| value.to_le_bytes()));
+    bytes.extend([14, 0, 0, 0]);
+    bytes.extend((body.len() as u32).to_le_bytes());
+    bytes.extend(body);
+    bytes
+}
+
+fn sample() -> Sample {
+    let file = FileRef {
+        path: "x".to_owned(),
+        blake3: String::new(),
+    };
+    Sample::new("a/1", (4, 4), 1.0, 1.0, file)
+}
+
+fuzz_target!(|data: &[u8]| {
+    let Some((which, data)) = data.split_first() else {
+        return;
+    };
+    match which % 4 {
+        0 => {
+            if let Ok((width, height, values)) = npy::decode(&damage::damaged(&NPY, data)) {
+                assert_eq!(width * height, values.len());
+            }
+        }
+        1 => {
+            if let Ok(read) = mat::read(&damage::damaged(&matrix(), data), "x") {
+                let _ = format!("{read:?}").len();
+            }
+        }
+        2 => {
+            let path = FOLDER.path().join("p.npy");
+            std::fs::write(&path, damage::damaged(&NPY, data)).expect("written");
+            let samples = [sample()];
+            if let Ok(saved) = SavedPredictions::open("x", &path, Content::Pairs, &samples)
+                && let Ok(map) = saved.map("a/1")
+            {
+                assert_eq!(map.width * map.height, map.data.len());
+                assert!(map.data.iter().all(|value| value.is_finite()));
+            }
+        }
+        _ => {
+            let path = FOLDER.path().join("p.zip");
+            std::fs::write(&path, data).expect("written");
+            for entry in source::entries(&path, |_| true).unwrap_or_default() {
+                let _ = entry.name().len();
+            }
+        }
+    }
+});
