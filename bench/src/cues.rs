@@ -18,10 +18,13 @@ use crate::{
 };
 
 pub mod composite;
+pub mod cutouts;
 pub mod experiments;
+pub mod figures;
 pub mod rows;
 pub mod run;
 pub mod sprites;
+pub mod summary;
 
 /// Why the experiments cannot be made.
 #[derive(Debug, thiserror::Error)]

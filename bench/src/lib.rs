@@ -23,6 +23,7 @@ pub mod maps;
 pub mod model;
 mod native;
 pub mod pictures;
+pub mod plot;
 pub mod predict;
 pub mod predictions;
 pub mod protocols;
