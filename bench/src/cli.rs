@@ -8,6 +8,7 @@
     reason = "results of a command belong on stdout; this is the one module that prints them"
 )]
 
+mod cues;
 mod devices;
 mod latency;
 mod merge;
@@ -79,6 +80,8 @@ Examples:
       depth maps and coloured pictures of a folder of images
   bench latency --model model.onnx --images photos --threads 1,2 --batch 1,4 --out speed
       percentiles and throughput, from file to depth and for the session alone
+  bench cues --data kitti_set --model model.onnx --out cues
+      which depth cues the model uses, with figures 4.3 to 4.10
 
 Models of other projects need a description beside the file (model.yaml for model.onnx):
   input:  {width: 640, height: 192, range: 0..1, mean: [0.485, 0.456, 0.406],
@@ -123,6 +126,10 @@ enum Command {
     Predict(predict_images::PredictArgs),
     /// Time models over threads and batches, after MLPerf's LoadGen
     Latency(latency::LatencyArgs),
+    /// Test which depth cues models use (figures 4.3 to 4.10)
+    Cues(cues::CuesArgs),
+    /// Cut sprites for `bench cues` out of a labelled set's own images
+    Sprites(cues::SpritesArgs),
     /// List the evaluation protocols, or state the rules of one
     Protocols {
         /// State the rules of this protocol (or YAML file) in words; `diff` compares two
@@ -239,6 +246,14 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
             command: Some(Command::Latency(args)),
             ..
         } => latency::run(&args),
+        Cli {
+            command: Some(Command::Cues(args)),
+            ..
+        } => cues::run(&args, arguments),
+        Cli {
+            command: Some(Command::Sprites(args)),
+            ..
+        } => cues::cut(&args),
         Cli {
             command: Some(Command::Protocols { names }),
             ..

@@ -5,6 +5,7 @@
 //! [`predict`] takes a prepared set through a model and the metrics, [`tables`] writes what comes
 //! out. [`maps`] turns predictions into depth and files for `bench predict`, [`latency`] times
 //! models, [`devices`] says what there is to run them on. [`baseline`], [`predictions`] and [`pictures`] are what their names say.
+//! [`cues`] asks which depth cues a model uses.
 //! [`protocols`] reads rules of the user's own; [`compare`] and [`publish`] work on rows alone.
 //!
 //! This is the only crate that knows ONNX Runtime. Metrics, protocols and the contents of tables
@@ -14,6 +15,7 @@
 pub mod baseline;
 pub mod cli;
 pub mod compare;
+pub mod cues;
 pub mod devices;
 pub mod journal;
 pub mod latency;
@@ -24,6 +26,7 @@ mod native;
 mod npy;
 pub mod parts;
 pub mod pictures;
+pub mod plot;
 pub mod predict;
 pub mod predictions;
 pub mod protocols;

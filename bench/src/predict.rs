@@ -367,7 +367,7 @@ fn collect(
 }
 
 /// The image that a model is shown: the untouched one where the set has it.
-fn load_image(set: &PreparedSet, sample: &Sample) -> Result<RgbImage, SampleError> {
+pub(crate) fn load_image(set: &PreparedSet, sample: &Sample) -> Result<RgbImage, SampleError> {
     let file = sample.left_full.as_ref().unwrap_or(&sample.left);
     let image = image_files::decode_rgb(&checked_bytes(set, file)?, &file.path)?;
     if sample.left_full.is_some() && image.dimensions() != (sample.width, sample.height) {
@@ -693,7 +693,7 @@ fn reciprocal(plane: &Plane, factor: f32) -> Plane {
     }
 }
 
-fn load_labels(set: &PreparedSet, sample: &Sample) -> Result<Vec<u8>, SampleError> {
+pub(crate) fn load_labels(set: &PreparedSet, sample: &Sample) -> Result<Vec<u8>, SampleError> {
     let file = sample.semantic.as_ref().ok_or(SampleError::Missing {
         what: "semantic labels",
     })?;

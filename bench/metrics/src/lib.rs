@@ -47,6 +47,7 @@
 
 mod columns;
 pub mod compare;
+pub mod cues;
 mod evaluate;
 pub mod leaderboard;
 mod metrics;

@@ -247,7 +247,7 @@ fn interval<const N: usize>(draws: &[[f64; N]], figure: impl Fn(&[f64; N]) -> f6
 }
 
 /// Percentile of sorted values with linear interpolation between neighbours.
-fn percentile(sorted: &[f64], fraction: f64) -> f64 {
+pub(crate) fn percentile(sorted: &[f64], fraction: f64) -> f64 {
     let place = fraction * (sorted.len() - 1) as f64;
     let below = place.floor() as usize;
     let above = (below + 1).min(sorted.len() - 1);
