@@ -285,7 +285,7 @@ fn car(p: V) -> Sample {
         .iter()
         .any(|&(c, s): &(f64, f64)| (q.1 * c + q.2 * s).abs() < 0.018 + 0.04 * r);
         let rim = r < 0.215 && q.0 > 0.0;
-        let colour = if rim && (spoke || r < 0.05 || r > 0.19) {
+        let colour = if rim && (spoke || !between(r, 0.05, 0.19)) {
             V(0.42, 0.43, 0.45)
         } else if rim {
             V(0.05, 0.05, 0.055)

@@ -68,8 +68,10 @@ pub struct Chart {
 pub struct Tile {
     /// Below it.
     pub caption: String,
-    /// An encoded PNG.
-    pub png: Vec<u8>,
+    /// An encoded picture.
+    pub data: Vec<u8>,
+    /// What it is encoded as: `png` or `jpeg`.
+    pub format: &'static str,
     /// Its size in pixels.
     pub size: (u32, u32),
 }
@@ -194,9 +196,10 @@ impl Panel {
         if y_high <= 0.0 {
             y_high = 1.0;
         }
-        // Up to the next tick, so that nothing touches the frame.
+        // Up to the next tick, so that nothing touches the frame but what is cut there.
+        let room = if y_high < top { 1.0 } else { 1.02 };
         let step = ticks(0.0, y_high, 5.0).get(1).copied().unwrap_or(y_high);
-        y_high = step * (y_high * 1.02 / step).ceil();
+        y_high = step * (y_high * room / step - 1e-9).ceil();
         let (x0, y0) = (left + PLOT_LEFT, PLOT_TOP);
         let px = |x: f64| x0 + PLOT_WIDTH * (x - x_low) / (x_high - x_low);
         let py = |y: f64| y0 + PLOT_HEIGHT * (1.0 - y / y_high);
@@ -343,9 +346,10 @@ impl Sheet {
                 let _ = writeln!(
                     body,
                     "<image x=\"{x:.0}\" y=\"{y:.0}\" width=\"{width:.0}\" height=\"{height:.0}\" \
-                     href=\"data:image/png;base64,{}\"/>\n<text x=\"{x:.0}\" y=\"{:.0}\" \
+                     href=\"data:image/{};base64,{}\"/>\n<text x=\"{x:.0}\" y=\"{:.0}\" \
                      font-size=\"11\" fill=\"#222222\">{}</text>",
-                    base64(&tile.png),
+                    tile.format,
+                    base64(&tile.data),
                     y + height + 14.0,
                     escape(&tile.caption)
                 );

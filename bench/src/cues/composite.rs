@@ -50,7 +50,8 @@ impl Mask {
         self.bits
             .iter()
             .enumerate()
-            .filter_map(move |(index, &set)| set.then(|| of(index)))
+            .filter(|&(_, &set)| set)
+            .map(move |(index, _)| of(index))
     }
 
     /// Number of pixels.

@@ -27,6 +27,8 @@ pub type Figure = (&'static str, String);
 
 /// Width of a picture within a sheet.
 const TILE_WIDTH: u32 = 460;
+/// JPEG quality of composites within a sheet.
+const PICTURE_QUALITY: u8 = 90;
 /// Ends the vertical axis: depth is clipped there.
 const DEPTH_END_M: f64 = 80.0;
 /// The thesis' camera height in equation 4.1, metres.
@@ -634,7 +636,8 @@ fn inverse(depth: &Plane) -> Plane {
 fn tile(picture: &RgbImage, caption: String) -> Tile {
     Tile {
         caption,
-        png: image_files::encode_png_rgb(picture),
+        data: image_files::encode_png_rgb(picture),
+        format: "png",
         size: picture.dimensions(),
     }
 }
@@ -647,7 +650,11 @@ fn tile_size(width: usize, height: usize) -> (usize, usize) {
 fn picture_tile(picture: &RgbImage, caption: String) -> Tile {
     let (width, height) = tile_size(picture.width() as usize, picture.height() as usize);
     let small = resize::rgb(picture, width as u32, height as u32, resize::Kernel::Area);
-    tile(&small, caption)
+    Tile {
+        data: image_files::encode_jpeg_rgb(&small, PICTURE_QUALITY),
+        format: "jpeg",
+        ..tile(&small, caption)
+    }
 }
 
 fn depth_tile(depth: &Plane, brightest: f32, unit: Unit, caption: String) -> Tile {
