@@ -16,7 +16,7 @@ use strat_store::{
     set::{Content, PreparedSet},
 };
 
-use super::{Asked, DONE, FAILED, Usage, asked_models, print, slug};
+use super::{Asked, DONE, FAILED, Usage, asked_files, print, slug};
 use crate::{
     cues::{
         cutouts,
@@ -191,7 +191,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
             Usage("`bench cues` needs --data, --model and --out, or --render".to_owned()).into(),
         );
     };
-    let asked = asked_models(&args.models, false)?;
+    let asked = asked_files("model", &args.models, &[])?;
     let set = PreparedSet::open(data)?;
     let (all, source) = match &args.sprites {
         Some(folder) => (

@@ -214,11 +214,9 @@ fn candidates(set: &PreparedSet, sample: &Sample) -> Result<Vec<Candidate>, CueE
     let Some(truth) = truth.filter(|_| sample.focal_px > 0.0) else {
         return Ok(Vec::new());
     };
-    for file in [file, truth] {
-        predict::check_file(set, file).map_err(failed)?;
-    }
-    let (width, height, instances) = image_files::read_gray16(&set.path(file))?;
-    let (depth, _) = exr::read_depth(&set.path(truth))?;
+    let bytes = |file| predict::checked_bytes(set, file).map_err(failed);
+    let (width, height, instances) = image_files::decode_gray16(&bytes(file)?, &file.path)?;
+    let (depth, _) = exr::decode_depth(&bytes(truth)?, &set.path(truth))?;
     let picture = predict::load_image(set, sample).map_err(failed)?;
     let size = (sample.width as usize, sample.height as usize);
     if (width, height) != size || (depth.width, depth.height) != size {

@@ -250,13 +250,15 @@ impl Reader {
     #[must_use]
     pub fn new(model: &Model, background: &Background, clean: &Plane) -> Self {
         let (meaning, input_width) = (
-            model.description.output.meaning,
+            model.description.output.meaning(),
             model.description.input.width,
         );
         let floor = match meaning {
             OutputMeaning::DisparityFraction => DISPARITY_FLOOR,
             OutputMeaning::DisparityPx => DISPARITY_FLOOR * input_width as f32,
-            OutputMeaning::DepthM | OutputMeaning::InverseDepth => 0.0,
+            OutputMeaning::DepthM
+            | OutputMeaning::InverseDepth
+            | OutputMeaning::InverseDepthPerM => 0.0,
         };
         let metres = Conversion::new(Quantity::DepthM, meaning, input_width, background.rig);
         let reading = match metres {
