@@ -540,6 +540,23 @@ mod tests {
     }
 
     #[test]
+    fn improved_ground_truth_is_complete_with_652_images() {
+        let expected = |protocol: &str, images| {
+            let rows = [sample(
+                "m",
+                protocol,
+                "2011_09_26_drive_0002/0000000069",
+                0.1,
+            )];
+            measured(&rows, protocol, images, &Bootstrap::default()).unwrap()[0].expected_images
+        };
+        assert_eq!(expected("eigen-improved", 697), Some(652));
+        assert_eq!(expected("eigen-80", 697), Some(697));
+        // A rendered or partial list says itself how many there are.
+        assert_eq!(expected("eigen-improved", 40), Some(40));
+    }
+
+    #[test]
     fn groups_have_lines_of_their_own() {
         let rows: Vec<Row> = [Group::Flat, Group::Object]
             .into_iter()
