@@ -13,6 +13,7 @@ mod devices;
 mod latency;
 mod merge;
 mod predict_images;
+mod report;
 mod rows_commands;
 
 use std::{
@@ -41,7 +42,8 @@ use crate::{
     journal::{self, Journal, JournalError},
     leakage::{self, Leakage},
     model::{Model, PROBE_TOLERANCE},
-    parts, pictures,
+    parts,
+    pictures::{self, slug},
     predict::{self, Evaluation, Failure, Observer, Predictor, Task},
     predictions::{PredictionWriter, SaveError},
     runtime::{Device, Runtime, RuntimeChoice},
@@ -68,6 +70,8 @@ Examples:
       two models side by side on an NVIDIA device
   bench --table all --data kitti_set --model model.onnx --median-baseline --pictures 8 --out results
       all tables the set offers, a constant baseline, and pictures
+  bench report results
+      one HTML page about all runs below a folder: tables, intervals, curves, best and worst images
   bench protocols
       the evaluation rules by name
   bench devices
@@ -144,6 +148,8 @@ enum Command {
     VerifyLeaderboard(rows_commands::VerifyArgs),
     /// Write the thesis' tables from rows alone
     Render(rows_commands::RenderArgs),
+    /// Write one HTML page about everything below a folder of results
+    Report(report::ReportArgs),
 }
 
 #[derive(Debug, Args)]
@@ -197,6 +203,10 @@ struct RunArgs {
     /// Write this many comparison pictures per model
     #[arg(long, value_name = "N", default_value_t = 0)]
     pictures: usize,
+    /// Write comparison pictures of the N best and the N worst images of each model too, which
+    /// `bench report` shows
+    #[arg(long, value_name = "N", default_value_t = 0, conflicts_with = "shard")]
+    extremes: usize,
     /// Threads for decoding and metrics, and for the model [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
@@ -274,6 +284,10 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
             command: Some(Command::Render(args)),
             ..
         } => rows_commands::render(&args),
+        Cli {
+            command: Some(Command::Report(args)),
+            ..
+        } => report::run(&args),
         Cli {
             command: None,
             run: Some(args),
@@ -475,26 +489,6 @@ fn default_name(file: &Path) -> String {
         folder
     } else {
         stem
-    }
-}
-
-/// File name for something called `name`.
-fn slug(name: &str) -> String {
-    let slug: String = name
-        .chars()
-        .map(|c| {
-            if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') {
-                c
-            } else {
-                '_'
-            }
-        })
-        .collect();
-    // A name of dots would be a folder.
-    if slug.chars().all(|c| c == '.') {
-        "_".to_owned()
-    } else {
-        slug
     }
 }
 
@@ -1013,7 +1007,67 @@ fn predict_all(
         let names: Vec<&str> = protocols.iter().map(|p| p.name.as_str()).collect();
         tables::sort_rows(&mut evaluation.rows, &[name], &names, &order);
     }
+    let extremes = extremes(&evaluation.rows, session.args.extremes);
+    let again: Vec<Sample> = session
+        .samples
+        .iter()
+        .filter(|sample| {
+            let drawn = |comparison: &predict::Comparison| comparison.image == sample.id;
+            extremes.contains(&sample.id) && !evaluation.comparisons.iter().any(drawn)
+        })
+        .cloned()
+        .collect();
+    if !again.is_empty() {
+        let task = Task {
+            samples: &again,
+            pictures: &extremes,
+            ..task
+        };
+        let progress = Progress::new(name, again.len() as u64, "pictures", session.args.quiet);
+        let drawn = predict::evaluate(
+            &task,
+            name,
+            predictor,
+            &session.pool,
+            &progress,
+            &mut Unrecorded,
+        );
+        progress.finish();
+        let drawn = drawn.unwrap_or_else(|never| match never {});
+        evaluation.comparisons.extend(drawn.comparisons);
+    }
     Ok(evaluation)
+}
+
+/// The images with the `count` smallest and `count` largest Abs Rel under the first protocol
+/// that scores images as wholes.
+fn extremes(rows: &[Row], count: usize) -> BTreeSet<String> {
+    let first = rows.iter().find(|row| row.score.group.is_none());
+    let mut own: Vec<&Row> = rows
+        .iter()
+        .filter(|row| first.is_some_and(|first| first.context.protocol == row.context.protocol))
+        .collect();
+    own.sort_by(|a, b| {
+        let error = |row: &Row| row.score.metrics.abs_rel;
+        error(a).total_cmp(&error(b)).then(a.image.cmp(&b.image))
+    });
+    let ends = own.iter().take(count).chain(own.iter().rev().take(count));
+    ends.map(|row| row.image.clone()).collect()
+}
+
+/// For a second look at images whose rows stand already.
+struct Unrecorded;
+
+impl Observer for Unrecorded {
+    type Error = std::convert::Infallible;
+
+    fn predicted(&mut self, _: &str, _: Option<&Plane>) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    fn scored(&mut self, _: &[Row]) -> Result<(), Self::Error> {
+        Ok(())
+    }
 }
 
 /// Writes a predictor's pictures and puts its rows with the others.
@@ -1023,10 +1077,9 @@ fn keep(
     record: ModelRecord,
 ) -> anyhow::Result<()> {
     if !evaluation.comparisons.is_empty() {
-        let folder = session.out.join("pictures");
+        let folder = session.out.join(pictures::FOLDER);
         for comparison in &evaluation.comparisons {
-            let name = format!("{}.png", slug(&comparison.image));
-            let path = folder.join(slug(&record.name)).join(name);
+            let path = folder.join(pictures::file(&record.name, &comparison.image));
             let picture = pictures::draw(comparison);
             files::write_atomic(&path, &image_files::encode_png_rgb(&picture))?;
         }
@@ -1246,15 +1299,5 @@ mod tests {
         ] {
             assert!(asked_files("model", &wrong.map(String::from), &[]).is_err());
         }
-    }
-
-    #[test]
-    fn names_become_file_names() {
-        assert_eq!(slug("Ours - StrAT (f=2)"), "Ours_-_StrAT__f_2_");
-        assert_eq!(
-            slug("2011_09_26_drive_0001/0000000005"),
-            "2011_09_26_drive_0001_0000000005"
-        );
-        assert_eq!(slug(".."), "_");
     }
 }

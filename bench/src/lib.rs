@@ -5,7 +5,7 @@
 //! [`predict`] takes a prepared set through a model and the metrics, [`tables`] writes what comes
 //! out. [`maps`] turns predictions into depth and files for `bench predict`, [`latency`] times
 //! models, [`devices`] says what there is to run them on. [`baseline`], [`predictions`] and [`pictures`] are what their names say.
-//! [`cues`] asks which depth cues a model uses.
+//! [`cues`] asks which depth cues a model uses, [`report`] makes one page of all results.
 //! [`protocols`] reads rules of the user's own; [`compare`] and [`publish`] work on rows alone.
 //!
 //! This is the only crate that knows ONNX Runtime. Metrics, protocols and the contents of tables
@@ -31,6 +31,7 @@ pub mod predict;
 pub mod predictions;
 pub mod protocols;
 pub mod publish;
+pub mod report;
 pub mod runtime;
 pub mod saved;
 pub mod setup;

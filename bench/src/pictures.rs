@@ -8,6 +8,8 @@
 //!
 //! Pictures illustrate; no figure is computed from them.
 
+use std::path::{Path, PathBuf};
+
 use image::{Rgb, RgbImage};
 use strat_store::raster::Plane;
 
@@ -27,6 +29,35 @@ top right     predicted disparity (magma: dark = far, bright = near)
 bottom left   true disparity, same scale; grey = not measured
 bottom right  relative depth error |predicted - true| / true, blue = 0, red = 0.5 or more
 ";
+
+/// Folder of the pictures within that of the results.
+pub const FOLDER: &str = "pictures";
+
+/// Place of a picture within [`FOLDER`].
+#[must_use]
+pub fn file(model: &str, image: &str) -> PathBuf {
+    Path::new(&slug(model)).join(format!("{}.png", slug(image)))
+}
+
+/// File name for something called `name`.
+pub(crate) fn slug(name: &str) -> String {
+    let slug: String = name
+        .chars()
+        .map(|c| {
+            if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') {
+                c
+            } else {
+                '_'
+            }
+        })
+        .collect();
+    // A name of dots would be a folder.
+    if slug.chars().all(|c| c == '.') {
+        "_".to_owned()
+    } else {
+        slug
+    }
+}
 
 /// Draws one comparison.
 #[must_use]
@@ -168,5 +199,15 @@ mod tests {
     fn numbers_that_are_none_do_not_stop_a_picture() {
         assert_eq!(magma(f32::NAN), magma(0.0));
         assert_eq!(magma(7.0), magma(1.0));
+    }
+
+    #[test]
+    fn names_become_file_names() {
+        assert_eq!(slug("Ours - StrAT (f=2)"), "Ours_-_StrAT__f_2_");
+        assert_eq!(
+            slug("2011_09_26_drive_0001/0000000005"),
+            "2011_09_26_drive_0001_0000000005"
+        );
+        assert_eq!(slug(".."), "_");
     }
 }

@@ -31,8 +31,8 @@ pub struct Curve {
     pub label: String,
     /// Its points, by x.
     pub points: Vec<(f64, f64)>,
-    /// Half the height of the band around each point; empty for none.
-    pub spread: Vec<f64>,
+    /// Lower and upper end of the band at each point; empty for none.
+    pub band: Vec<(f64, f64)>,
     /// Something to compare with rather than a measurement.
     pub guide: bool,
 }
@@ -61,6 +61,30 @@ pub struct Chart {
     pub note: String,
     /// The diagrams.
     pub panels: Vec<Panel>,
+}
+
+/// A figure in a [`Whiskers`] diagram.
+#[derive(Clone, Debug, Default)]
+pub struct Mark {
+    /// What it is about.
+    pub label: String,
+    /// The figure.
+    pub value: f64,
+    /// Its interval.
+    pub interval: Option<(f64, f64)>,
+    /// Somebody else's figure: drawn hollow.
+    pub published: bool,
+}
+
+/// Figures with their intervals, one below the other.
+#[derive(Clone, Debug, Default)]
+pub struct Whiskers {
+    /// Above it.
+    pub title: String,
+    /// Label of the axis, with its unit.
+    pub x: String,
+    /// The figures, top to bottom.
+    pub marks: Vec<Mark>,
 }
 
 /// A picture within a sheet.
@@ -180,12 +204,8 @@ impl Panel {
             .curves
             .iter()
             .flat_map(|curve| {
-                let spread = |i: usize| curve.spread.get(i).copied().unwrap_or(0.0);
-                curve
-                    .points
-                    .iter()
-                    .enumerate()
-                    .map(move |(i, p)| p.1 + spread(i))
+                let heights = curve.points.iter().map(|point| point.1);
+                heights.chain(curve.band.iter().map(|ends| ends.1))
             })
             .filter(finite)
             .fold(0.0, f64::max);
@@ -271,17 +291,12 @@ impl Panel {
                 measured += 1;
                 STYLES[(measured - 1) % STYLES.len()]
             };
-            if curve.spread.len() == curve.points.len() && curve.points.len() > 1 {
-                let edge = |sign: f64| {
-                    curve
-                        .points
-                        .iter()
-                        .zip(&curve.spread)
-                        .map(move |(&(x, y), spread)| (x, y + sign * spread))
-                        .collect::<Vec<_>>()
-                };
-                let mut outline = edge(1.0);
-                outline.extend(edge(-1.0).into_iter().rev());
+            if curve.band.len() == curve.points.len() && curve.points.len() > 1 {
+                let xs = || curve.points.iter().map(|point| point.0);
+                let mut outline: Vec<(f64, f64)> =
+                    xs().zip(curve.band.iter().map(|ends| ends.1)).collect();
+                let low: Vec<(f64, f64)> = xs().zip(curve.band.iter().map(|ends| ends.0)).collect();
+                outline.extend(low.into_iter().rev());
                 let _ = writeln!(
                     out,
                     "<path d=\"{}Z\" fill=\"{colour}\" fill-opacity=\"0.16\"/>",
@@ -313,6 +328,143 @@ impl Panel {
         );
     }
 }
+
+impl Whiskers {
+    /// The diagram as SVG. Its axis spans the figures and need not begin at 0.
+    #[must_use]
+    pub fn svg(&self) -> String {
+        const LABELS: f64 = 236.0;
+        const PLOT: f64 = 300.0;
+        const LINE: f64 = 22.0;
+        const TOP: f64 = 62.0;
+        let ends = self
+            .marks
+            .iter()
+            .flat_map(|mark| {
+                let (low, high) = mark.interval.unwrap_or((mark.value, mark.value));
+                [low, mark.value, high]
+            })
+            .filter(|value| value.is_finite());
+        let (mut low, mut high) = ends
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+                (low.min(v), high.max(v))
+            });
+        if low >= high {
+            (low, high) = if low.is_finite() {
+                (low - 0.5, low + 0.5)
+            } else {
+                (0.0, 1.0)
+            };
+        }
+        let margin = 0.04 * (high - low);
+        (low, high) = (low - margin, high + margin);
+        let px = |x: f64| LABELS + PLOT * (x - low) / (high - low);
+        let bottom = TOP + LINE * self.marks.len() as f64;
+        let mut body = String::new();
+        let at = ticks(low, high, 5.0);
+        let gap = at.windows(2).next().map_or(1.0, |pair| pair[1] - pair[0]);
+        for &tick in &at {
+            let (x, label) = (px(tick), number(tick, gap));
+            let _ = writeln!(
+                body,
+                "<path d=\"M{x:.1} {TOP:.1}V{bottom:.1}\" stroke=\"#dddddd\" fill=\"none\"/>\
+                 <text x=\"{x:.1}\" y=\"{:.1}\" font-size=\"11\" text-anchor=\"middle\" \
+                 fill=\"#222222\">{label}</text>",
+                bottom + 16.0
+            );
+        }
+        for (place, mark) in self.marks.iter().enumerate() {
+            let y = TOP + LINE * (place as f64 + 0.5);
+            let _ = writeln!(
+                body,
+                "<text x=\"{:.1}\" y=\"{:.1}\" font-size=\"11\" text-anchor=\"end\" \
+                 fill=\"#222222\">{}</text>",
+                LABELS - 10.0,
+                y + 4.0,
+                escape(&shortened(&mark.label, 36))
+            );
+            if !mark.value.is_finite() {
+                continue;
+            }
+            let (colour, x) = (STYLES[0].0, px(mark.value));
+            if let Some((low, high)) = mark.interval {
+                let _ = writeln!(
+                    body,
+                    "<path d=\"M{:.1} {y:.1}H{:.1}M{0:.1} {:.1}v8M{1:.1} {2:.1}v8\" \
+                     stroke=\"{colour}\" stroke-width=\"1.6\" fill=\"none\"/>",
+                    px(low),
+                    px(high),
+                    y - 4.0
+                );
+            }
+            let _ = if mark.published {
+                writeln!(
+                    body,
+                    "<path d=\"M{:.1} {y:.1}l5 -5l5 5l-5 5z\" fill=\"#ffffff\" stroke=\"#444444\" \
+                     stroke-width=\"1.4\"/>",
+                    x - 5.0
+                )
+            } else {
+                writeln!(
+                    body,
+                    "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\" fill=\"{colour}\"/>"
+                )
+            };
+        }
+        let _ = writeln!(
+            body,
+            "<text x=\"{:.1}\" y=\"{:.1}\" font-size=\"11\" text-anchor=\"middle\" \
+             fill=\"#222222\">{}</text>",
+            LABELS + 0.5 * PLOT,
+            bottom + 36.0,
+            escape(&self.x)
+        );
+        let note = "filled: measured, with its 95 % interval; hollow: published";
+        document(
+            LABELS + PLOT + 24.0,
+            bottom + 48.0,
+            &self.title,
+            note,
+            &body,
+        )
+    }
+}
+
+fn shortened(text: &str, longest: usize) -> String {
+    if text.chars().count() <= longest {
+        return text.to_owned();
+    }
+    let kept: String = text.chars().take(longest - 1).collect();
+    kept.trim_end().to_owned() + "…"
+}
+
+/// One of this module's SVG texts for a page that has several of them and themes of its own: each
+/// colour becomes the CSS variable that [`VARIABLES`] names for it, and ids begin with `id`.
+#[must_use]
+pub fn themed(svg: &str, id: &str) -> String {
+    let mut text = svg
+        .replace("\"plot", &format!("\"{id}-plot"))
+        .replace("(#plot", &format!("(#{id}-plot"));
+    // Quotes within words are escaped, so only attributes can match.
+    for (colour, variable) in VARIABLES {
+        text = text.replace(&format!("\"{colour}\""), &format!("\"var({variable})\""));
+    }
+    text
+}
+
+/// Every colour of this module and the CSS variable that stands for it in themed pages.
+pub const VARIABLES: [(&str, &str); 10] = [
+    ("#ffffff", "--paper"),
+    ("#111111", "--ink"),
+    ("#222222", "--ink"),
+    ("#444444", "--muted"),
+    ("#dddddd", "--rule"),
+    ("#0072b2", "--curve-1"),
+    ("#d55e00", "--curve-2"),
+    ("#009e73", "--curve-3"),
+    ("#cc79a7", "--curve-4"),
+    ("#56b4e9", "--curve-5"),
+];
 
 fn path(points: &[(f64, f64)], px: impl Fn(f64) -> f64, py: impl Fn(f64) -> f64) -> String {
     let mut text = String::new();
@@ -363,7 +515,8 @@ impl Sheet {
     }
 }
 
-fn base64(bytes: &[u8]) -> String {
+/// Bytes in the letters of RFC 4648, as `data:` addresses have them.
+pub(crate) fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for group in bytes.chunks(3) {
@@ -432,6 +585,52 @@ mod tests {
     }
 
     #[test]
+    fn whiskers_span_their_intervals() {
+        let mark = |label: &str, value, interval, published| Mark {
+            label: label.to_owned(),
+            value,
+            interval,
+            published,
+        };
+        let diagram = Whiskers {
+            title: "Abs Rel".to_owned(),
+            x: "lower is better".to_owned(),
+            marks: vec![
+                mark("ours & <others>", 0.2, Some((0.1, 0.3)), false),
+                mark("published", 0.15, None, true),
+                mark("none", f64::NAN, None, false),
+                mark(&"long ".repeat(20), 0.25, None, false),
+            ],
+        };
+        let svg = diagram.svg();
+        assert!(svg.contains("ours &amp; &lt;others&gt;") && !svg.contains("NaN"));
+        // 0.1 to 0.3 with 4 % on both sides: 300 / 1.08 wide.
+        assert!(svg.contains("M247.1 73.0H524.9"), "{svg}");
+        assert_eq!(
+            (svg.matches("<circle").count(), svg.matches('…').count()),
+            (2, 1)
+        );
+        assert!(png(&svg, 1.0).is_ok() && png(&Whiskers::default().svg(), 1.0).is_ok());
+    }
+
+    #[test]
+    fn themed_text_has_no_colour_of_its_own() {
+        let panel = Panel {
+            curves: vec![Curve::default(); 7],
+            ..Panel::default()
+        };
+        let chart = Chart {
+            title: "\"#111111\"".to_owned(),
+            panels: vec![panel],
+            ..Chart::default()
+        };
+        let text = themed(&chart.svg(), "a");
+        assert!(text.contains("&quot;#111111&quot;"));
+        assert!(!text.contains("=\"#"), "{text}");
+        assert!(text.contains("id=\"a-plot0\"") && text.contains("url(#a-plot0)"));
+    }
+
+    #[test]
     fn charts_keep_their_text_and_become_pictures() {
         let chart = Chart {
             title: "Depth & size <1>".to_owned(),
@@ -444,7 +643,7 @@ mod tests {
                     Curve {
                         label: "car".to_owned(),
                         points: vec![(1.0, 2.0), (2.0, f64::NAN), (3.0, 9.0)],
-                        spread: vec![1.0; 3],
+                        band: vec![(1.0, 3.0), (2.0, 3.0), (8.0, 10.0)],
                         guide: false,
                     },
                     Curve::default(),

@@ -503,13 +503,27 @@ pub fn write_leaderboard(
 }
 
 /// Measured lines under protocols that none of the tables shows, as text; empty if there are none.
+/// Distances of one model share a line, with Abs Rel alone.
 #[must_use]
 pub fn beside_tables(entries: &[leaderboard::Entry], tables: &[ThesisTable]) -> String {
     let shown: BTreeSet<&str> = tables.iter().flat_map(|t| t.protocols()).copied().collect();
     let mut text = String::new();
+    let mut by_distance: Vec<((&str, &str), String)> = Vec::new();
     for entry in entries {
         let of_table = entry.protocol.trim_end_matches("-median");
         if entry.origin != leaderboard::Origin::Measured || shown.contains(of_table) {
+            continue;
+        }
+        if let (Some(group), [Some(abs_rel), ..]) = (
+            entry.group.filter(|group| group.distance_m().is_some()),
+            &entry.metrics,
+        ) {
+            let key = (entry.method.as_str(), entry.protocol.as_str());
+            let figure = format!(" {group} {abs_rel:.3}");
+            match by_distance.iter_mut().find(|(known, _)| *known == key) {
+                Some((_, figures)) => *figures += &figure,
+                None => by_distance.push((key, figure)),
+            }
             continue;
         }
         let group = entry
@@ -533,6 +547,9 @@ pub fn beside_tables(entries: &[leaderboard::Entry], tables: &[ThesisTable]) -> 
             }
         }
         text.push('\n');
+    }
+    for ((method, protocol), figures) in by_distance {
+        text += &format!("{method} under {protocol}, Abs Rel by true depth:{figures}\n");
     }
     text
 }

@@ -86,6 +86,7 @@ fn main() -> ExitCode {
             folder.display()
         );
     }
+    println!("all of it on one page: {}", plan.report().display());
     println!("model: {}", run.join("model.onnx").display());
     println!("the demo took {} s", start.elapsed().as_secs());
     ExitCode::SUCCESS

@@ -94,6 +94,11 @@ impl Plan {
         self.out.join("results").join("eigen")
     }
 
+    /// The page about all results.
+    pub fn report(&self) -> PathBuf {
+        self.out.join("results").join("report.html")
+    }
+
     /// Where the tables of the KITTI split are written.
     pub fn kitti_results(&self) -> PathBuf {
         self.out.join("results").join("kitti")
@@ -122,15 +127,17 @@ impl Plan {
                 arguments: list,
             }
         };
-        let bench = |table: &str, data: &str, out: PathBuf| {
+        let bench = |table: &str, data: &str, by_distance: &str, out: PathBuf| {
             let mut list = arguments!["--table", table, "--data", at(data), "--model"];
             let mut named = OsString::from("StrAT=");
             named.push(&model);
             list.push(named);
             list.extend(arguments![
                 "--median-baseline",
-                "--pictures",
-                "4",
+                "--protocol",
+                by_distance,
+                "--extremes",
+                "3",
                 "--out",
                 out
             ]);
@@ -169,8 +176,13 @@ impl Plan {
                 command: Command::Train,
                 arguments: train,
             },
-            bench("all", "kitti", self.kitti_results()),
-            bench("3.3", "eigen", self.eigen_results()),
+            bench("all", "kitti", "kitti2015-distance", self.kitti_results()),
+            bench("3.3", "eigen", "eigen-80-distance", self.eigen_results()),
+            Step {
+                title: "put everything on one page",
+                command: Command::Bench,
+                arguments: arguments!["report", at("results")],
+            },
         ]
     }
 }
@@ -194,6 +206,7 @@ mod tests {
             "a folder with a space is quoted"
         );
         assert!(lines[3].ends_with("--out 'a b/run' --max-steps 3"));
-        assert_eq!(lines.len(), 6);
+        assert_eq!(lines.last().unwrap(), "bench report 'a b/results'");
+        assert_eq!(lines.len(), 7);
     }
 }

@@ -175,7 +175,7 @@ fn one_pair(
         }
     }
     let mut tests = Vec::new();
-    for group in std::iter::once(None).chain(Group::ALL.map(Some)) {
+    for group in std::iter::once(None).chain(Group::all().map(Some)) {
         let (of_a, of_b) = (a.of_group(group), b.of_group(group));
         let Some(paired) = statistics::paired(&of_a, &of_b, &options.bootstrap) else {
             continue;

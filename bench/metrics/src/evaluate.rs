@@ -399,7 +399,13 @@ impl<'a> Scene<'a> {
                     predicted.disparity_px,
                 ),
                 floored: predicted.floored,
-                group: truth.labels.and_then(|ids| Group::of_label(ids[index])),
+                group: match protocol.grouping {
+                    Grouping::None => None,
+                    Grouping::Cityscapes => {
+                        truth.labels.and_then(|ids| Group::of_label(ids[index]))
+                    }
+                    Grouping::Distance => Group::of_depth(truth_m),
+                },
             });
         };
         let (measured, _) = self.measured();
@@ -425,9 +431,10 @@ impl<'a> Scene<'a> {
                 .summarise(None, pixels.iter(), scale)
                 .into_iter()
                 .collect(),
-            Grouping::Cityscapes => Group::ALL
-                .into_iter()
-                .filter_map(|group| {
+            grouping => grouping
+                .groups()
+                .iter()
+                .filter_map(|&group| {
                     let members = pixels.iter().filter(|pixel| pixel.group == Some(group));
                     self.summarise(Some(group), members, scale)
                 })
@@ -736,6 +743,38 @@ mod tests {
         assert_eq!((scores[0].pixels, scores[0].floored_pixels), (63_093, 0));
         let pooled = (scores[0].sum_squared_error / 63_093.0).sqrt();
         assert!((pooled - scores[0].metrics.rmse).abs() < 1e-12);
+    }
+
+    /// Distances divide the pixels of an image: together they say what the image says.
+    #[test]
+    fn distances_add_up_to_the_image() {
+        let fixture = fixture();
+        let truth = GroundTruth {
+            width: WIDTH,
+            height: HEIGHT,
+            depth_m: &fixture.disparity_px,
+            disparity_px: Some(&fixture.disparity_px),
+            focal_px: FOCAL_PX,
+            baseline_m: BASELINE_M,
+            labels: None,
+        };
+        let score =
+            |name: &str| evaluate(&protocol(name).unwrap(), &truth, &fixture.predicted).unwrap();
+        let whole = score("kitti2015")[0];
+        let parts = score("kitti2015-distance");
+        let groups: Vec<Group> = parts.iter().filter_map(|part| part.group).collect();
+        assert!(
+            groups.len() == parts.len() && groups.len() > 4,
+            "{groups:?}"
+        );
+        assert!(groups.is_sorted(), "{groups:?}");
+        let sum = |of: &dyn Fn(&ImageScore) -> f64| parts.iter().map(of).sum::<f64>();
+        let pixels = |score: &ImageScore| score.pixels as f64;
+        assert_eq!(sum(&pixels), pixels(&whole));
+        let squared = sum(&|part| part.sum_squared_error);
+        assert!((squared / whole.sum_squared_error - 1.0).abs() < 1e-12);
+        let abs_rel = sum(&|part| part.metrics.abs_rel * pixels(part)) / pixels(&whole);
+        assert!((abs_rel / whole.metrics.abs_rel - 1.0).abs() < 1e-12);
     }
 
     /// Two images under `oracle.category_rmse`: ground truth and prediction `pred` as for

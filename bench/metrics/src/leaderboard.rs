@@ -195,7 +195,7 @@ pub fn measured(
     for model in by_model(rows, protocol)? {
         let context = model.context();
         let filled = |text: &str| (!text.is_empty()).then(|| text.to_owned());
-        for group in std::iter::once(None).chain(Group::ALL.map(Some)) {
+        for group in std::iter::once(None).chain(Group::all().map(Some)) {
             let Some(summary) = summarise(&model.of_group(group), bootstrap) else {
                 continue;
             };

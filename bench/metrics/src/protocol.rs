@@ -153,19 +153,33 @@ pub enum PostProcessing {
     Flip,
 }
 
-/// Whether an image is scored as a whole or by what its pixels show.
+/// Whether an image is scored as a whole, by what its pixels show, or by how far away they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Grouping {
     /// One score per image.
     None,
-    /// One score per image and [`Group`] that the image contains.
+    /// One score per image and semantic [`Group`] that the image contains.
     Cityscapes,
+    /// One score per image and distance: by the true depth of a pixel.
+    Distance,
 }
 
-/// Groups of Cityscapes label ids: the rows of thesis table 3.2.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+impl Grouping {
+    /// Its groups, in the order of tables and curves.
+    #[must_use]
+    pub fn groups(self) -> &'static [Group] {
+        match self {
+            Self::None => &[],
+            Self::Cityscapes => &Group::SEMANTIC,
+            Self::Distance => &Group::DISTANCES,
+        }
+    }
+}
+
+/// A group of pixels: what they show (the rows of thesis table 3.2, groups of Cityscapes label
+/// ids), or how far away they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Group {
     /// Road, sidewalk, parking, rail track.
     Flat,
@@ -177,11 +191,31 @@ pub enum Group {
     Construction,
     /// Poles, traffic lights and signs.
     Object,
+    /// True depth up to 5 m.
+    To5m,
+    /// True depth above 5 m and up to 10 m.
+    To10m,
+    /// Above 10 m and up to 15 m.
+    To15m,
+    /// Above 15 m and up to 20 m.
+    To20m,
+    /// Above 20 m and up to 30 m.
+    To30m,
+    /// Above 30 m and up to 40 m.
+    To40m,
+    /// Above 40 m and up to 50 m.
+    To50m,
+    /// Above 50 m and up to 60 m.
+    To60m,
+    /// Above 60 m and up to 80 m.
+    To80m,
+    /// True depth above 80 m.
+    Over80m,
 }
 
 impl Group {
-    /// All groups in the order of the thesis' table.
-    pub const ALL: [Self; 5] = [
+    /// Groups of labels in the order of the thesis' table.
+    pub const SEMANTIC: [Self; 5] = [
         Self::Flat,
         Self::Human,
         Self::Vehicle,
@@ -189,22 +223,72 @@ impl Group {
         Self::Object,
     ];
 
-    /// First and last label id of the group; the ids of each group are contiguous.
-    pub fn label_ids(self) -> (u8, u8) {
+    /// Groups of distance, near to far.
+    pub const DISTANCES: [Self; 10] = [
+        Self::To5m,
+        Self::To10m,
+        Self::To15m,
+        Self::To20m,
+        Self::To30m,
+        Self::To40m,
+        Self::To50m,
+        Self::To60m,
+        Self::To80m,
+        Self::Over80m,
+    ];
+
+    /// All groups.
+    pub fn all() -> impl Iterator<Item = Self> {
+        Self::SEMANTIC.into_iter().chain(Self::DISTANCES)
+    }
+
+    /// First and last Cityscapes label id of a semantic group; the ids of each are contiguous.
+    pub fn label_ids(self) -> Option<(u8, u8)> {
         match self {
-            Self::Flat => (7, 10),
-            Self::Human => (24, 25),
-            Self::Vehicle => (26, 33),
-            Self::Construction => (11, 16),
-            Self::Object => (17, 20),
+            Self::Flat => Some((7, 10)),
+            Self::Human => Some((24, 25)),
+            Self::Vehicle => Some((26, 33)),
+            Self::Construction => Some((11, 16)),
+            Self::Object => Some((17, 20)),
+            _ => None,
         }
+    }
+
+    /// True depth in metres of a group of distance: above the first number, up to the second,
+    /// which is infinite for the last group.
+    pub fn distance_m(self) -> Option<(f64, f64)> {
+        let place = Self::DISTANCES.iter().position(|group| *group == self)?;
+        let ends = [
+            0.0,
+            5.0,
+            10.0,
+            15.0,
+            20.0,
+            30.0,
+            40.0,
+            50.0,
+            60.0,
+            80.0,
+            f64::INFINITY,
+        ];
+        Some((ends[place], ends[place + 1]))
     }
 
     /// Group of a Cityscapes label id; void, nature and sky belong to none.
     pub fn of_label(id: u8) -> Option<Self> {
-        Self::ALL.into_iter().find(|group| {
-            let (first, last) = group.label_ids();
-            (first..=last).contains(&id)
+        Self::SEMANTIC.into_iter().find(|group| {
+            group
+                .label_ids()
+                .is_some_and(|(first, last)| (first..=last).contains(&id))
+        })
+    }
+
+    /// Group of a true depth in metres; none of what is no distance.
+    pub fn of_depth(depth_m: f64) -> Option<Self> {
+        Self::DISTANCES.into_iter().find(|group| {
+            group
+                .distance_m()
+                .is_some_and(|(above, end)| depth_m > above && depth_m <= end)
         })
     }
 
@@ -216,7 +300,23 @@ impl Group {
             Self::Vehicle => "vehicle",
             Self::Construction => "construction",
             Self::Object => "object",
+            Self::To5m => "0-5m",
+            Self::To10m => "5-10m",
+            Self::To15m => "10-15m",
+            Self::To20m => "15-20m",
+            Self::To30m => "20-30m",
+            Self::To40m => "30-40m",
+            Self::To50m => "40-50m",
+            Self::To60m => "50-60m",
+            Self::To80m => "60-80m",
+            Self::Over80m => "over-80m",
         }
+    }
+}
+
+impl Serialize for Group {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
     }
 }
 
@@ -228,15 +328,17 @@ impl fmt::Display for Group {
 
 /// Text that is no [`Group`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the groups are flat, human, vehicle, construction and object, not {0:?}")]
+#[error(
+    "the groups are flat, human, vehicle, construction and object, and distances from 0-5m to \
+     over-80m, not {0:?}"
+)]
 pub struct UnknownGroup(pub String);
 
 impl FromStr for Group {
     type Err = UnknownGroup;
 
     fn from_str(text: &str) -> Result<Self, UnknownGroup> {
-        Self::ALL
-            .into_iter()
+        Self::all()
             .find(|group| group.name() == text)
             .ok_or_else(|| UnknownGroup(text.to_owned()))
     }
@@ -351,6 +453,17 @@ impl Protocol {
         if self.post_processing != PostProcessing::Flip {
             self.post_processing = PostProcessing::Flip;
             self.name.push_str("-pp");
+        }
+        self
+    }
+
+    /// The same rules, scored by how far away pixels are ([`Grouping::Distance`]), named
+    /// `<name>-distance`. A protocol that has groups already keeps them.
+    #[must_use]
+    pub fn by_distance(mut self) -> Self {
+        if self.grouping == Grouping::None {
+            self.grouping = Grouping::Distance;
+            self.name.push_str("-distance");
         }
         self
     }
@@ -537,12 +650,12 @@ impl Protocol {
         };
         let grouping = match grouping {
             Grouping::None => "none".to_owned(),
-            Grouping::Cityscapes => Group::ALL
-                .map(|group| {
-                    let (first, last) = group.label_ids();
-                    format!("{group}:{first}-{last}")
-                })
-                .join(","),
+            Grouping::Cityscapes => {
+                label_groups(|group, first, last| format!("{group}:{first}-{last}")).join(",")
+            }
+            Grouping::Distance => {
+                format!("true-depth:{}", Group::DISTANCES.map(Group::name).join(","))
+            }
         };
         let resize = match resize {
             Resize::DisparityBilinear => "disparity,bilinear",
@@ -691,19 +804,30 @@ impl Protocol {
                 "D1-all: percentage of pixels with an error above 3 px and above 5 %.".to_owned(),
             ),
         }
-        if self.grouping == Grouping::Cityscapes {
-            let groups = Group::ALL.map(|group| {
-                let (first, last) = group.label_ids();
-                format!("{group} {first} to {last}")
-            });
-            lines.push(format!(
+        match self.grouping {
+            Grouping::None => {}
+            Grouping::Cityscapes => lines.push(format!(
                 "Groups: by Cityscapes label id: {}.",
-                groups.join(", ")
-            ));
+                label_groups(|group, first, last| format!("{group} {first} to {last}")).join(", ")
+            )),
+            Grouping::Distance => lines.push(format!(
+                "Groups: by true depth: {} (upper ends included).",
+                Group::DISTANCES.map(Group::name).join(", ")
+            )),
         }
         lines.push("Average: unweighted mean over images.".to_owned());
         lines.join("\n")
     }
+}
+
+fn label_groups(text: impl Fn(Group, u8, u8) -> String) -> Vec<String> {
+    Group::SEMANTIC
+        .into_iter()
+        .filter_map(|group| {
+            let (first, last) = group.label_ids()?;
+            Some(text(group, first, last))
+        })
+        .collect()
 }
 
 /// All named protocols, those of the thesis' tables first.
@@ -757,9 +881,9 @@ pub fn protocols() -> Vec<Protocol> {
     ]
 }
 
-/// The protocol of that name. `-median`, `-pp` and a crop (`-nocrop`, `-garg`, `-eigencrop`) may
-/// follow a name, in the order in which [`Protocol::with_median_scaling`],
-/// [`Protocol::with_flip`] and [`Protocol::with_crop`] would be called.
+/// The protocol of that name. `-median`, `-pp`, `-distance` and a crop (`-nocrop`, `-garg`,
+/// `-eigencrop`) may follow a name, in the order in which [`Protocol::with_median_scaling`],
+/// [`Protocol::with_flip`], [`Protocol::by_distance`] and [`Protocol::with_crop`] would be called.
 pub fn protocol(name: &str) -> Option<Protocol> {
     if let Some(found) = protocols().into_iter().find(|known| known.name == name) {
         return Some(found);
@@ -768,6 +892,11 @@ pub fn protocol(name: &str) -> Option<Protocol> {
         return protocol(base)
             .filter(|p| !p.median_scaling)
             .map(Protocol::with_median_scaling);
+    }
+    if let Some(base) = name.strip_suffix("-distance") {
+        return protocol(base)
+            .filter(|p| p.grouping == Grouping::None)
+            .map(Protocol::by_distance);
     }
     for crop in [Crop::None, Crop::Garg, Crop::Eigen] {
         if let Some(base) = name.strip_suffix(crop.ending()) {
@@ -849,6 +978,10 @@ mod tests {
         // Its own crop is no variant.
         assert_eq!(protocol("eigen-80-garg"), None);
         assert_eq!(protocol("kitti2015-nocrop"), None);
+        let far = protocol("eigen-80-median-distance").unwrap();
+        assert!(far.grouping == Grouping::Distance && far.median_scaling);
+        assert_eq!(protocol("semantic-distance"), None);
+        assert_eq!(protocol("eigen-80-distance-distance"), None);
         // The scale of Make3D is always the median's.
         assert_eq!(protocol("make3d-c1-median"), None);
     }
@@ -944,10 +1077,40 @@ mod tests {
         assert_eq!(ids(Some(Group::Human)), [24, 25]);
         assert_eq!(ids(Some(Group::Vehicle)), [26, 27, 28, 29, 30, 31, 32, 33]);
         assert_eq!(ids(None).len(), 256 - 24);
-        for group in Group::ALL {
+        for group in Group::all() {
             assert_eq!(group.to_string().parse(), Ok(group));
+            assert_ne!(group.label_ids().is_some(), group.distance_m().is_some());
         }
         assert!("sky".parse::<Group>().is_err());
+    }
+
+    /// Each depth has one distance; ends belong to the nearer group.
+    #[test]
+    fn distances_of_the_groups() {
+        let ends: Vec<(f64, f64)> = Group::DISTANCES
+            .iter()
+            .filter_map(|group| group.distance_m())
+            .collect();
+        assert!(ends.windows(2).all(|pair| pair[0].1 == pair[1].0));
+        for (depth_m, group) in [
+            (1e-9, Some(Group::To5m)),
+            (5.0, Some(Group::To5m)),
+            (5.001, Some(Group::To10m)),
+            (80.0, Some(Group::To80m)),
+            (80.1, Some(Group::Over80m)),
+            (0.0, None),
+            (f64::NAN, None),
+        ] {
+            assert_eq!(Group::of_depth(depth_m), group, "{depth_m}");
+        }
+        for group in Group::DISTANCES {
+            let (above, end) = group.distance_m().unwrap();
+            let name = group.name();
+            assert!(
+                name == format!("{above}-{end}m") || name == format!("over-{above}m"),
+                "{name}"
+            );
+        }
     }
 
     #[test]

@@ -183,7 +183,7 @@ pub fn read(reader: impl Read) -> Result<Vec<Row>, CsvError> {
             score: ImageScore {
                 group: fields.optional(
                     "group",
-                    "empty or one of flat, human, vehicle, construction and object",
+                    "empty or one of flat, human, vehicle, construction and object, or a distance such as 5-10m",
                 )?,
                 metrics,
                 d1_all: fields.optional_measure("d1_all")?,
@@ -433,7 +433,7 @@ pub(crate) mod tests {
             values in proptest::array::uniform8(0.0..1e12_f64),
             d1 in proptest::option::of(0.0..100.0_f64),
             counts in (1..u64::MAX, 0..u64::MAX),
-            group in proptest::option::of(proptest::sample::select(&Group::ALL[..])),
+            group in proptest::option::of(proptest::sample::select(Group::all().collect::<Vec<_>>())),
         ) {
             let mut row = sample(&model, "p", "2011_09_26_drive_0001/0000000005", 0.5);
             row.context.variant = variant;

@@ -168,42 +168,58 @@ pub struct Table {
     notes: Vec<String>,
 }
 
+/// A column of a [`Table`].
 #[derive(Clone, Debug)]
-struct Column {
+pub struct Column {
     /// Name in CSV files.
-    key: String,
-    heading: String,
+    pub key: String,
+    /// Name for readers.
+    pub heading: String,
     /// Heading in LaTeX where it is not the plain one.
     latex: Option<&'static str>,
-    numeric: bool,
+    /// Holds figures.
+    pub numeric: bool,
 }
 
+/// Lines under one protocol.
 #[derive(Clone, Debug)]
-struct Section {
-    heading: Option<String>,
-    protocol: String,
+pub struct Section {
+    /// What sets the section apart, where the table has several.
+    pub heading: Option<String>,
+    /// Protocol of the measured figures.
+    pub protocol: String,
     protocol_digest: String,
     data_digest: String,
     expected_images: u64,
-    lines: Vec<Line>,
+    /// The lines in the order of the table.
+    pub lines: Vec<Line>,
 }
 
+/// A line of a [`Section`].
 #[derive(Clone, Debug, Default)]
-struct Line {
+pub struct Line {
     /// Belongs to the protocol and data of its section; published lines do not.
-    measured: bool,
-    grey: bool,
+    pub measured: bool,
+    /// Printed in grey in the thesis.
+    pub grey: bool,
     comparable: bool,
-    cells: Vec<Cell>,
+    /// A cell for each column.
+    pub cells: Vec<Cell>,
 }
 
+/// A cell of a [`Line`].
 #[derive(Clone, Debug, Default)]
-struct Cell {
-    text: String,
-    marker: Option<Marker>,
+pub struct Cell {
+    /// What is printed, without marks.
+    pub text: String,
+    /// The mark of the thesis beside it.
+    pub marker: Option<Marker>,
     /// The exact figure, which CSV shows in place of the text.
-    value: Option<f64>,
-    best: bool,
+    pub value: Option<f64>,
+    /// 95 % interval of a measured figure.
+    pub interval: Option<Interval>,
+    /// The best of its column among comparable lines.
+    pub best: bool,
 }
 
 impl Cell {
@@ -543,6 +559,26 @@ impl Table {
         &self.first_line
     }
 
+    /// Sentences that limit what the figures say.
+    pub fn remarks(&self) -> &[String] {
+        &self.remarks
+    }
+
+    /// The columns.
+    pub fn columns(&self) -> &[Column] {
+        &self.columns
+    }
+
+    /// The lines, by protocol.
+    pub fn sections(&self) -> &[Section] {
+        &self.sections
+    }
+
+    /// Sentences below the table.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
     /// Tables 3.1 and 3.3: a line per method.
     fn fill_methods(&mut self, parts: &[Part<'_>], coverage: &Coverage) {
         let with_d1 = self.id == ThesisTable::Table31;
@@ -616,9 +652,12 @@ impl Table {
                         },
                     ],
                 };
-                line.push_metrics(summary.mean);
+                line.push_metrics(summary.mean, summary.intervals);
                 if with_d1 {
-                    line.cells.push(Cell::figure(summary.d1_all));
+                    line.cells.push(Cell {
+                        interval: summary.d1_all_interval,
+                        ..Cell::figure(summary.d1_all)
+                    });
                 }
                 section.lines.push(line);
             }
@@ -670,7 +709,7 @@ impl Table {
         for (heading, is_pooled) in [(per_image, false), (pooled, true)] {
             let mut section = part.section(Some(heading.to_owned()), coverage);
             let mut ends: Vec<Vec<String>> = vec![Vec::new(); part.models.len()];
-            for group in Group::ALL {
+            for group in Group::SEMANTIC {
                 let mut line = Line {
                     measured: !part.models.is_empty(),
                     cells: vec![Cell::text(capitalised(group.name()))],
@@ -707,7 +746,10 @@ impl Table {
                         ));
                     }
                     competing.push(part.competes(model, coverage));
-                    line.cells.push(Cell::figure(rmse));
+                    line.cells.push(Cell {
+                        interval: figure.and_then(|(_, interval)| interval),
+                        ..Cell::figure(rmse)
+                    });
                     counts.push(summary.map_or((0, 0), |summary| (summary.images, summary.pixels)));
                 }
                 let figures = line.cells.iter_mut().skip(1).zip(competing);
@@ -753,9 +795,11 @@ impl Table {
 }
 
 impl Line {
-    fn push_metrics(&mut self, metrics: Metrics) {
-        self.cells
-            .extend(metrics.to_array().map(|value| Cell::figure(Some(value))));
+    fn push_metrics(&mut self, metrics: Metrics, intervals: Option<[Interval; 7]>) {
+        self.cells.extend(Metric::ALL.map(|metric| Cell {
+            interval: intervals.map(|all| all[metric as usize]),
+            ..Cell::figure(Some(metrics.get(metric)))
+        }));
     }
 }
 
@@ -841,7 +885,7 @@ fn published_line(row: &PublishedRow, own_protocol: bool, with_d1: bool) -> Line
             Cell::text("-"),
         ],
     };
-    line.push_metrics(row.metrics);
+    line.push_metrics(row.metrics, None);
     if with_d1 {
         line.cells.push(Cell::figure(None));
     }

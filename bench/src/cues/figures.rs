@@ -59,9 +59,8 @@ fn curve(
         let squares: f64 = rows.iter().map(|row| (y(row) - value).powi(2)).sum();
         result.points.push((at, value));
         // One background has no deviation.
-        result
-            .spread
-            .push((squares / (count - 1.0).max(1.0)).sqrt());
+        let deviation = (squares / (count - 1.0).max(1.0)).sqrt();
+        result.band.push((value - deviation, value + deviation));
     }
     result.points.iter_mut().for_each(|point| {
         if point.0 == 0.0 {
@@ -75,7 +74,7 @@ fn guide(label: impl Into<String>, points: Vec<(f64, f64)>) -> Curve {
     Curve {
         label: label.into(),
         points,
-        spread: Vec::new(),
+        band: Vec::new(),
         guide: true,
     }
 }
@@ -220,8 +219,8 @@ fn highest_of(curves: &[Curve], measured: usize) -> Option<f64> {
     let top = curves
         .iter()
         .take(measured)
-        .flat_map(|curve| curve.points.iter().zip(&curve.spread))
-        .map(|(point, spread)| point.1 + spread)
+        .flat_map(|curve| &curve.band)
+        .map(|ends| ends.1)
         .fold(0.0, f64::max);
     (top > 0.0).then_some(1.05 * top)
 }
@@ -411,7 +410,7 @@ fn equation_chart(model: &str, rows: &[&CueRow]) -> Chart {
         let mut kept = keep.iter().copied();
         line.points.retain(|_| kept.next().unwrap_or(false));
         let mut kept = keep.iter().copied();
-        line.spread.retain(|_| kept.next().unwrap_or(false));
+        line.band.retain(|_| kept.next().unwrap_or(false));
         line
     };
     let mut curves = Vec::new();

@@ -1,0 +1,49 @@
+//! `bench report`: one page about all results below a folder.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use strat_store::files;
+
+use super::{DONE, FAILED, print};
+use crate::report;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The folder may hold several runs, in folders of their own: rows.csv with run.yaml and pictures (of
+`bench --table`), latency.csv (of `bench latency`) and cues.csv (of `bench cues`).
+
+Example:
+  bench --table all --data set --model model.onnx --protocol kitti2015-distance --extremes 3 --out results/kitti
+  bench latency --model model.onnx --images photos --out results/speed
+  bench cues --data set --model model.onnx --out results/cues
+  bench report results")]
+pub(super) struct ReportArgs {
+    /// Folder of results
+    folder: PathBuf,
+    /// The page [default: report.html in the folder]
+    #[arg(long, value_name = "FILE.html")]
+    out: Option<PathBuf>,
+    /// Title of the page
+    #[arg(long, default_value = "Depth estimation report")]
+    title: String,
+}
+
+pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
+    let collected = report::collect(&args.folder)?;
+    let page = report::render(&args.title, &collected);
+    let out = args
+        .out
+        .clone()
+        .unwrap_or_else(|| args.folder.join("report.html"));
+    files::write_atomic(&out, page.html.as_bytes())?;
+    for problem in &page.problems {
+        eprintln!("error: {problem}");
+    }
+    print(&format!("{}\n", out.display()))?;
+    Ok(if page.problems.is_empty() {
+        DONE
+    } else {
+        FAILED
+    })
+}
