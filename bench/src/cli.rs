@@ -10,6 +10,7 @@
 
 mod cues;
 mod devices;
+mod figures;
 mod latency;
 mod merge;
 mod predict_images;
@@ -84,6 +85,8 @@ Examples:
       depth maps and coloured pictures of a folder of images
   bench latency --model model.onnx --images photos --threads 1,2 --batch 1,4 --out speed
       percentiles and throughput, from file to depth and for the session alone
+  bench figures --data kitti_set --model a.onnx --model b.onnx --out figures
+      depth and error of models side by side, and the right views they make
   bench cues --data kitti_set --model model.onnx --out cues
       which depth cues the model uses, with figures 4.3 to 4.10
 
@@ -134,6 +137,8 @@ enum Command {
     Cues(cues::CuesArgs),
     /// Cut sprites for `bench cues` out of a labelled set's own images
     Sprites(cues::SpritesArgs),
+    /// Draw what models make of the same images (figures 3.3 and 3.6 to 3.10)
+    Figures(figures::FiguresArgs),
     /// List the evaluation protocols, or state the rules of one
     Protocols {
         /// State the rules of this protocol (or YAML file) in words; `diff` compares two
@@ -264,6 +269,10 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
             command: Some(Command::Sprites(args)),
             ..
         } => cues::cut(&args),
+        Cli {
+            command: Some(Command::Figures(args)),
+            ..
+        } => figures::run(&args, arguments),
         Cli {
             command: Some(Command::Protocols { names }),
             ..
@@ -427,8 +436,8 @@ fn list_protocols(names: &[String]) -> anyhow::Result<u8> {
             tables.join(", ")
         );
     }
-    text += "\nEach name also takes -median (median scaling), -pp (flip post-processing) and another\n\
-             crop (-nocrop, -garg, -eigencrop). `bench protocols NAME` states the rules,\n\
+    text += "\nEach name also takes -median (median scaling), -pp (flip post-processing), -distance (scores\n\
+             by true depth) and another crop (-nocrop, -garg, -eigencrop). `bench protocols NAME` states the rules,\n\
              `bench protocols diff A B` what differs.\n";
     print(&text)?;
     Ok(DONE)

@@ -5,7 +5,7 @@
 //! [`predict`] takes a prepared set through a model and the metrics, [`tables`] writes what comes
 //! out. [`maps`] turns predictions into depth and files for `bench predict`, [`latency`] times
 //! models, [`devices`] says what there is to run them on. [`baseline`], [`predictions`] and [`pictures`] are what their names say.
-//! [`cues`] asks which depth cues a model uses, [`report`] makes one page of all results.
+//! [`cues`] asks which depth cues a model uses, [`figures`] draws models side by side, [`report`] makes one page of all results.
 //! [`protocols`] reads rules of the user's own; [`compare`] and [`publish`] work on rows alone.
 //!
 //! This is the only crate that knows ONNX Runtime. Metrics, protocols and the contents of tables
@@ -17,6 +17,7 @@ pub mod cli;
 pub mod compare;
 pub mod cues;
 pub mod devices;
+pub mod figures;
 pub mod journal;
 pub mod latency;
 pub mod leakage;

@@ -439,6 +439,30 @@ impl Model {
         left_plane(output, &self.description.output)
     }
 
+    /// The disparity of the right view as a fraction of the width, in the right view's own
+    /// coordinates; `None` unless the model was trained here and gives both views.
+    ///
+    /// # Errors
+    /// As [`predict`](Self::predict).
+    pub fn predict_right(&mut self, input: &[f32]) -> Result<Option<Plane>, ModelError> {
+        let left = &self.description.output;
+        if self.file.info.metadata().is_none()
+            || left.meaning != OutputMeaning::DisparityFraction
+            || left.channel > 1
+        {
+            return Ok(None);
+        }
+        let right = OutputDescription {
+            channel: 1 - left.channel,
+            ..left.clone()
+        };
+        let output = self.run(input, 1)?;
+        if !matches!(output.shape.as_slice(), &[1, 2, _, _]) {
+            return Ok(None);
+        }
+        left_plane(output, &right).map(Some)
+    }
+
     /// As [`predict`](Self::predict) for `count` inputs laid one behind the other; one plane each.
     ///
     /// # Errors

@@ -108,7 +108,7 @@ pub(crate) fn magma(place: f32) -> Rgb<u8> {
     rgb(colorous::MAGMA, place)
 }
 
-fn rgb(gradient: colorous::Gradient, place: f32) -> Rgb<u8> {
+pub(crate) fn rgb(gradient: colorous::Gradient, place: f32) -> Rgb<u8> {
     let place = if place.is_finite() {
         f64::from(place.clamp(0.0, 1.0))
     } else {
@@ -133,7 +133,7 @@ pub(crate) fn percentile_95(plane: &Plane) -> f32 {
 }
 
 /// Every measured pixel spreads to its eight neighbours, the nearest surface on top.
-fn widened(plane: &Plane) -> Plane {
+pub(crate) fn widened(plane: &Plane) -> Plane {
     let (width, height) = (plane.width, plane.height);
     let mut data = plane.data.clone();
     for row in 0..height {
@@ -178,6 +178,8 @@ mod tests {
             input: RgbImage::from_pixel(8, 4, Rgb([1, 2, 3])),
             predicted: plane(vec![0.1; 32]),
             truth: plane(truth),
+            depth_at_width_m: 1.0,
+            median_within_m: None,
         };
         let picture = draw(&comparison);
         assert_eq!(picture.dimensions(), (8 * 2 + GAP, 4 * 2 + GAP));

@@ -16,8 +16,8 @@ use image::RgbImage;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use strat_metrics::{
-    Camera, EvaluateError, GroundTruth, GroundTruthKind, Grouping, ImageScore, PostProcessing,
-    Protocol, Resize, Row, RowContext,
+    Camera, EvaluateError, GroundTruth, GroundTruthKind, Grouping, ImageScore, MeasuredPixels,
+    PostProcessing, Protocol, Resize, Row, RowContext,
 };
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::{
@@ -83,6 +83,14 @@ pub enum SampleError {
     /// There is no usable saved prediction for this image.
     #[error(transparent)]
     Saved(#[from] SavedError),
+    /// Ground truth that is none.
+    #[error("{path}: {source}")]
+    GroundTruth {
+        /// The file, relative to the set.
+        path: String,
+        /// Why.
+        source: EvaluateError,
+    },
     /// The image cannot be scored under a protocol.
     #[error("{protocol}: {source}")]
     Evaluate {
@@ -158,10 +166,15 @@ pub struct Comparison {
     pub image: String,
     /// The left image at full resolution.
     pub input: RgbImage,
-    /// Predicted disparity as a fraction of image width, at ground-truth size.
+    /// Predicted disparity as a fraction of image width, at the size of the image.
     pub predicted: Plane,
     /// True disparity as a fraction of image width, 0 = none.
     pub truth: Plane,
+    /// Depth in metres at a disparity of the whole width, by the first protocol's camera.
+    pub depth_at_width_m: f32,
+    /// Where the first protocol scales by medians: the true depths in metres between which it
+    /// takes them.
+    pub median_within_m: Option<(f32, f32)>,
 }
 
 /// The outcome of one predictor.
@@ -190,21 +203,18 @@ enum Prediction {
     ConstantDepthM(Plane),
 }
 
-/// Where predictions come from, as far as the worker threads are concerned.
+/// Predictions that need no network.
 #[derive(Clone, Copy)]
-enum Source<'a> {
-    /// A network with this input, which runs on the calling thread.
-    Network(&'a InputDescription),
+enum Given<'a> {
     Saved(&'a SavedPredictions),
     MedianDepth(&'a MedianDepth),
 }
 
-/// An image on its way to the metrics; the image itself where a picture is wanted.
-enum Prepared {
-    /// What [`model::prepare_input`] gives, for the network.
-    Input(Vec<f32>, Option<RgbImage>),
-    /// Needs no network.
-    Predicted(Predicted),
+/// What [`model::prepare_input`] gives, on its way to the network; the image itself where a
+/// picture is wanted.
+struct Prepared {
+    tensor: Vec<f32>,
+    image: Option<RgbImage>,
 }
 
 /// A prediction on its way to the metrics.
@@ -233,32 +243,66 @@ pub fn evaluate<O: Observer>(
     progress: &Progress,
     observer: &mut O,
 ) -> Result<Evaluation, O::Error> {
+    let mut collector = Collector {
+        task,
+        name,
+        progress,
+        images: 0,
+        rows: vec![Vec::new(); task.protocols.len()],
+        outcome: Evaluation::default(),
+    };
+    match predictor {
+        Predictor::Model(model) => run_network(&mut collector, model, pool, observer)?,
+        Predictor::Saved(saved) => {
+            score_given(&mut collector, Given::Saved(saved), pool, observer)?
+        }
+        Predictor::MedianDepth(median) => {
+            score_given(&mut collector, Given::MedianDepth(median), pool, observer)?;
+        }
+    }
+    let Collector {
+        rows, mut outcome, ..
+    } = collector;
+    outcome.rows = rows.into_iter().flatten().collect();
+    Ok(outcome)
+}
+
+/// Each image from its files to its scores on one thread, a chunk at a time.
+fn score_given<O: Observer>(
+    collector: &mut Collector<'_>,
+    given: Given<'_>,
+    pool: &rayon::ThreadPool,
+    observer: &mut O,
+) -> Result<(), O::Error> {
+    let task = collector.task;
+    // All threads wait for the last one of a chunk; scores are small, so chunks may be large.
+    for chunk in task.samples.chunks(32 * pool.current_num_threads().max(1)) {
+        let score_one = |sample: &Sample| Ok(score(task, sample, take_given(task, sample, given)?));
+        let scored = pool.install(|| chunk.par_iter().map(score_one).collect());
+        collector.add(chunk, scored, observer)?;
+        if collector.is_hopeless() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Three stages, one chunk apart: while one chunk is decoded and another is scored on the pool, the
+/// one between runs through the network here.
+fn run_network<O: Observer>(
+    collector: &mut Collector<'_>,
+    model: &mut Model,
+    pool: &rayon::ThreadPool,
+    observer: &mut O,
+) -> Result<(), O::Error> {
+    let task = collector.task;
     let flip = task
         .protocols
         .iter()
         .any(|(protocol, _)| protocol.post_processing == PostProcessing::Flip);
-    let input;
-    let source = match predictor {
-        Predictor::Model(model) => {
-            input = model.description.input.clone();
-            Source::Network(&input)
-        }
-        Predictor::Saved(saved) => Source::Saved(saved),
-        Predictor::MedianDepth(median) => Source::MedianDepth(median),
-    };
-    // All threads wait for the last one of a chunk: larger ones lose less where no network runs,
-    // smaller ones hold less in memory beside one that does.
-    let each = match source {
-        Source::Network(_) => 2,
-        Source::Saved(_) | Source::MedianDepth(_) => 8,
-    };
-    let chunk_size = each * pool.current_num_threads().max(1);
+    let input = &model.description.input.clone();
+    let chunk_size = 2 * pool.current_num_threads().max(1);
     let chunks: Vec<&[Sample]> = task.samples.chunks(chunk_size).collect();
-
-    let mut rows: Vec<Vec<Row>> = vec![Vec::new(); task.protocols.len()];
-    let mut outcome = Evaluation::default();
-    // Three stages, one chunk apart: while chunk t is decoded and chunk t-2 is scored on the
-    // pool, chunk t-1 runs through the model here.
     let mut prepared: Vec<Result<Prepared, SampleError>> = Vec::new();
     let mut predicted: Vec<Result<Predicted, SampleError>> = Vec::new();
     for step in 0..chunks.len() + 2 {
@@ -273,7 +317,7 @@ pub fn evaluate<O: Observer>(
                 scope.spawn(move |_| {
                     *next_prepared = chunk
                         .par_iter()
-                        .map(|sample| prepare(task, sample, source))
+                        .map(|sample| prepare(task, sample, input))
                         .collect();
                 });
             }
@@ -289,24 +333,14 @@ pub fn evaluate<O: Observer>(
             }
             if let Some(chunk) = step.checked_sub(1).and_then(|s| chunks.get(s)) {
                 for (sample, prepared) in chunk.iter().zip(to_run) {
-                    let result = match (prepared, &mut *predictor) {
-                        (Ok(Prepared::Input(tensor, image)), Predictor::Model(model)) => {
-                            let result = run(model, tensor, image, flip);
-                            if let (Ok(()), Ok(Predicted { plain, .. })) = (&told, &result) {
-                                let disparity = match plain {
-                                    Prediction::DisparityFraction(plane) => Some(plane),
-                                    _ => None,
-                                };
-                                told = observer.predicted(&sample.id, disparity);
-                            }
-                            result
-                        }
-                        (Ok(Prepared::Predicted(predicted)), _) => Ok(predicted),
-                        (Ok(Prepared::Input(..)), _) => {
-                            Err(SampleError::Missing { what: "network" })
-                        }
-                        (Err(error), _) => Err(error),
-                    };
+                    let result = prepared.and_then(|prepared| run(model, prepared, flip));
+                    if let (Ok(()), Ok(Predicted { plain, .. })) = (&told, &result) {
+                        let disparity = match plain {
+                            Prediction::DisparityFraction(plane) => Some(plane),
+                            _ => None,
+                        };
+                        told = observer.predicted(&sample.id, disparity);
+                    }
                     next_predicted.push(result);
                 }
             }
@@ -315,22 +349,53 @@ pub fn evaluate<O: Observer>(
         prepared = next_prepared;
         predicted = next_predicted;
         if let Some(chunk) = step.checked_sub(2).and_then(|s| chunks.get(s)) {
-            for (sample, scored) in chunk.iter().zip(scored) {
-                let own = collect(task, name, sample, scored, &mut outcome);
-                observer.scored(&own.concat())?;
-                for (rows, own) in rows.iter_mut().zip(own) {
-                    rows.extend(own);
-                }
-            }
-            progress.add(chunk.len() as u64);
+            collector.add(chunk, scored, observer)?;
         }
-        if outcome.failures.len() >= HOPELESS_AFTER && rows.iter().all(Vec::is_empty) {
-            outcome.gave_up = step + 1 < chunks.len() + 2;
+        if collector.is_hopeless() {
             break;
         }
     }
-    outcome.rows = rows.into_iter().flatten().collect();
-    Ok(outcome)
+    Ok(())
+}
+
+/// Puts results together in the order of the images.
+struct Collector<'a> {
+    task: &'a Task<'a>,
+    name: &'a str,
+    progress: &'a Progress,
+    /// Images so far.
+    images: usize,
+    /// By protocol.
+    rows: Vec<Vec<Row>>,
+    outcome: Evaluation,
+}
+
+impl Collector<'_> {
+    fn add<O: Observer>(
+        &mut self,
+        chunk: &[Sample],
+        scored: Vec<Result<Scored, SampleError>>,
+        observer: &mut O,
+    ) -> Result<(), O::Error> {
+        for (sample, scored) in chunk.iter().zip(scored) {
+            let own = collect(self.task, self.name, sample, scored, &mut self.outcome);
+            observer.scored(&own.concat())?;
+            for (rows, own) in self.rows.iter_mut().zip(own) {
+                rows.extend(own);
+            }
+            self.images += 1;
+            self.progress.add(1);
+        }
+        Ok(())
+    }
+
+    /// Whether nothing has worked so far, so that the rest need not be tried.
+    fn is_hopeless(&mut self) -> bool {
+        let hopeless =
+            self.outcome.failures.len() >= HOPELESS_AFTER && self.rows.iter().all(Vec::is_empty);
+        self.outcome.gave_up = hopeless && self.images < self.task.samples.len();
+        hopeless
+    }
 }
 
 /// Makes rows of the result of one image, by protocol, and puts the rest where it belongs.
@@ -382,38 +447,45 @@ pub(crate) fn load_image(set: &PreparedSet, sample: &Sample) -> Result<RgbImage,
     Ok(image)
 }
 
-fn prepare(task: &Task<'_>, sample: &Sample, source: Source<'_>) -> Result<Prepared, SampleError> {
-    let wanted = task.pictures.contains(&sample.id);
-    let plain = match source {
-        Source::Network(input) => {
-            let image = load_image(task.set, sample)?;
-            let tensor = model::prepare_input(&image, input);
-            return Ok(Prepared::Input(tensor, wanted.then_some(image)));
-        }
-        Source::Saved(saved) => {
+fn prepare(
+    task: &Task<'_>,
+    sample: &Sample,
+    input: &InputDescription,
+) -> Result<Prepared, SampleError> {
+    let image = load_image(task.set, sample)?;
+    Ok(Prepared {
+        tensor: model::prepare_input(&image, input),
+        image: task.pictures.contains(&sample.id).then_some(image),
+    })
+}
+
+fn take_given(
+    task: &Task<'_>,
+    sample: &Sample,
+    given: Given<'_>,
+) -> Result<Predicted, SampleError> {
+    let plain = match given {
+        Given::Saved(saved) => {
             let map = saved.map(&sample.id)?;
             let width = map.width as f32;
             as_prediction(map, saved.meaning(), width)
         }
-        Source::MedianDepth(median) => Prediction::ConstantDepthM(median.depth_m.clone()),
+        Given::MedianDepth(median) => Prediction::ConstantDepthM(median.depth_m.clone()),
     };
     // The image is for the picture alone; without it there is none.
+    let wanted = task.pictures.contains(&sample.id);
     let image = wanted.then(|| load_image(task.set, sample).ok()).flatten();
-    Ok(Prepared::Predicted(Predicted {
+    Ok(Predicted {
         plain,
-        // A constant map has no left or right to mend.
+        // There is no prediction for the mirrored image.
         flipped: None,
         image,
-    }))
+    })
 }
 
 /// Runs the model once, or twice where flip post-processing is wanted as well.
-fn run(
-    model: &mut Model,
-    mut tensor: Vec<f32>,
-    image: Option<RgbImage>,
-    flip: bool,
-) -> Result<Predicted, SampleError> {
+fn run(model: &mut Model, prepared: Prepared, flip: bool) -> Result<Predicted, SampleError> {
+    let Prepared { mut tensor, image } = prepared;
     let plain = model.predict(&tensor)?;
     let mut flipped = None;
     if flip {
@@ -464,6 +536,8 @@ fn as_prediction(mut plane: Plane, meaning: OutputMeaning, input_width: f32) -> 
 struct Truth {
     depth: Plane,
     disparity_px: Option<Vec<f32>>,
+    /// Where it was measured, for all protocols.
+    measured: MeasuredPixels,
     /// Focal length that made depth out of disparity, for stereo ground truth.
     nominal_focal_px: f64,
 }
@@ -515,7 +589,7 @@ fn load_truth(
         });
     }
     // Measured disparities are multiples of 1/256 px, so they come back exactly.
-    let disparity_px = kind.is_stereo().then(|| {
+    let disparity_px: Option<Vec<f32>> = kind.is_stereo().then(|| {
         let focal_baseline = header.focal_px * header.baseline_m;
         depth
             .data
@@ -530,7 +604,23 @@ fn load_truth(
             })
             .collect()
     });
+    let unusable = |source| SampleError::GroundTruth {
+        path: file.path.clone(),
+        source,
+    };
+    let measured = MeasuredPixels::find(&GroundTruth {
+        width: depth.width,
+        height: depth.height,
+        depth_m: &depth.data,
+        disparity_px: disparity_px.as_deref(),
+        focal_px: header.focal_px,
+        baseline_m: header.baseline_m,
+        labels: None,
+        measured: None,
+    })
+    .map_err(unusable)?;
     Ok(Truth {
+        measured,
         depth,
         disparity_px,
         nominal_focal_px: header.focal_px,
@@ -590,6 +680,7 @@ fn score(task: &Task<'_>, sample: &Sample, predicted: Predicted) -> Scored {
             focal_px,
             baseline_m,
             labels: labels.as_deref(),
+            measured: Some(&truth.measured),
         };
         // Depth in metres to disparity as a fraction of image width and back.
         let focal_baseline_fraction = (focal_px * baseline_m / f64::from(sample.width)) as f32;
@@ -647,15 +738,34 @@ fn score(task: &Task<'_>, sample: &Sample, predicted: Predicted) -> Scored {
         if comparison.is_none()
             && let Some(input) = &predicted.image
         {
+            let predicted = if gives_depth {
+                reciprocal(resized, focal_baseline_fraction)
+            } else {
+                resized.clone()
+            };
+            let true_disparity = reciprocal(&truth.depth, focal_baseline_fraction);
+            // A laser's grid is coarser than the image.
+            let (predicted, true_disparity) = if (truth_width, truth_height) == (width, height) {
+                (predicted, true_disparity)
+            } else {
+                (
+                    resize::bilinear_f32(&predicted, width, height),
+                    nearest(&true_disparity, width, height),
+                )
+            };
             comparison = Some(Comparison {
                 image: sample.id.clone(),
                 input: input.clone(),
-                predicted: if gives_depth {
-                    reciprocal(resized, focal_baseline_fraction)
-                } else {
-                    resized.clone()
-                },
-                truth: reciprocal(&truth.depth, focal_baseline_fraction),
+                predicted,
+                truth: true_disparity,
+                depth_at_width_m: focal_baseline_fraction,
+                median_within_m: protocol.median_scaling.then(|| {
+                    if protocol.mask_ground_truth {
+                        (protocol.min_depth_m as f32, protocol.max_depth_m as f32)
+                    } else {
+                        (0.0, f32::INFINITY)
+                    }
+                }),
             });
         }
     }

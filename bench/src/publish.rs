@@ -258,6 +258,7 @@ mod tests {
                     focal_px: 700.0,
                     baseline_m: 0.5,
                     labels: None,
+                    measured: None,
                 };
                 let predicted = depth_m.map(|depth| depth * factor + f32::from(i));
                 let score = evaluate_depth(&rules, &truth, &predicted).unwrap()[0];

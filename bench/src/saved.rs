@@ -248,7 +248,15 @@ impl SavedPredictions {
                 (path, self.decode(path)?)
             }
         };
-        if let Some(first) = plane.data.iter().position(|value| !value.is_finite()) {
+        // Whole pieces without a way out are many values at a time for the processor.
+        let usable = |values: &[f32]| {
+            values
+                .iter()
+                .fold(true, |all, value| all & value.is_finite())
+        };
+        let odd = (!plane.data.chunks(1024).all(usable))
+            .then(|| plane.data.iter().position(|value| !value.is_finite()));
+        if let Some(first) = odd.flatten() {
             return Err(SavedError::NotFinite {
                 path: path.clone(),
                 row: first / plane.width,

@@ -37,6 +37,9 @@ pub enum TableChoice {
     /// Eigen split: the seven metrics with caps of 80 m and 50 m.
     #[value(name = "3.3")]
     Table33,
+    /// Make3D: the figures beside the pictures of figure 3.6.
+    #[value(name = "make3d")]
+    Make3d,
     /// Whatever the prepared set offers.
     All,
 }
@@ -131,12 +134,14 @@ pub fn plan(
     let own: &[ThesisTable] = match content {
         Content::Kitti => &[ThesisTable::Table31, ThesisTable::Table32],
         Content::Eigen => &[ThesisTable::Table33],
-        Content::Pairs | Content::Make3d | Content::Cityscapes => &[],
+        Content::Make3d => &[ThesisTable::Make3d],
+        Content::Pairs | Content::Cityscapes => &[],
     };
     let wanted = match choice {
         TableChoice::Table31 => Some(ThesisTable::Table31),
         TableChoice::Table32 => Some(ThesisTable::Table32),
         TableChoice::Table33 => Some(ThesisTable::Table33),
+        TableChoice::Make3d => Some(ThesisTable::Make3d),
         TableChoice::All => None,
     };
     let mut plan = Plan {
@@ -152,6 +157,7 @@ pub fn plan(
                     needed: match table {
                         ThesisTable::Table31 | ThesisTable::Table32 => Content::Kitti,
                         ThesisTable::Table33 => Content::Eigen,
+                        ThesisTable::Make3d => Content::Make3d,
                     },
                     found: content,
                     instead,

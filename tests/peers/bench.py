@@ -102,45 +102,53 @@ def python_evaluation(disparities, samples, images, raw, ground_truth):
     return np.array(rows)
 
 
+def compare_model(args, samples, folder):
+    """The comparisons `session` and `table`; returns the predictions."""
+    python, spinning, ours = [], [], []
+    for repeat in range(args.repeats):
+        python.append(python_session(args.model, args.threads, 15, "0"))
+        spinning.append(python_session(args.model, args.threads, 15, "1"))
+        out = folder / f"latency{repeat}"
+        bench(args.bench, "latency", "--model", args.model, "--data", args.data, "--out", out, "--threads",
+              args.threads, "--seconds", 4, "--queries", 10, "--runtime", "ort", "--quiet")
+        rows = list(csv.DictReader((out / "latency.csv").open()))
+        ours += [float(r["p50_ms"]) for r in rows if r["stage"] == "session" and r["scenario"] == "single_stream"]
+    session = min(ours)
+    print(
+        f"session   onnxruntime in Python {min(python):.1f} ms, bench {session:.1f} ms: {session / min(python):.3f}; "
+        f"Python with threads that spin, its default, {min(spinning):.1f} ms: {session / min(spinning):.3f}"
+    )
+
+    table = []
+    for repeat in range(args.repeats):
+        out = folder / f"table{repeat}"
+        bench(args.bench, "--table", "3.3", "--data", args.data, "--model", args.model, "--out", out, "--threads",
+              args.threads, "--jobs", args.threads, "--runtime", "ort", "--quiet", "--save-predictions")
+        table.append(seconds_of(out))
+    bare = session / 1e3 * len(samples)
+    print(f"table     {len(samples)} images: bench {min(table):.2f} s, the session alone {bare:.2f} s: {min(table) / bare:.3f}")
+    return folder / "table0" / "predictions.npy"
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("bench")
     parser.add_argument("--data", type=pathlib.Path, required=True)
     parser.add_argument("--raw", type=pathlib.Path, required=True)
-    parser.add_argument("--model", required=True)
+    parser.add_argument("--model")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--saved", metavar="FILE.npy", type=pathlib.Path,
+                        help="leave out the other two comparisons and score these predictions")
     args = parser.parse_args()
+    if not (args.model or args.saved):
+        parser.error("--model or --saved is needed")
     samples = list(csv.DictReader((args.data / "test.csv").open()))
     cv2.setNumThreads(args.threads)
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
 
-        python, spinning, ours = [], [], []
-        for repeat in range(args.repeats):
-            python.append(python_session(args.model, args.threads, 15, "0"))
-            spinning.append(python_session(args.model, args.threads, 15, "1"))
-            out = folder / f"latency{repeat}"
-            bench(args.bench, "latency", "--model", args.model, "--data", args.data, "--out", out, "--threads",
-                  args.threads, "--seconds", 4, "--queries", 10, "--runtime", "ort", "--quiet")
-            rows = list(csv.DictReader((out / "latency.csv").open()))
-            ours += [float(r["p50_ms"]) for r in rows if r["stage"] == "session" and r["scenario"] == "single_stream"]
-        session = min(ours)
-        print(
-            f"session   onnxruntime in Python {min(python):.1f} ms, bench {session:.1f} ms: {session / min(python):.3f}; "
-            f"Python with threads that spin, its default, {min(spinning):.1f} ms: {session / min(spinning):.3f}"
-        )
-
-        table = []
-        for repeat in range(args.repeats):
-            out = folder / f"table{repeat}"
-            bench(args.bench, "--table", "3.3", "--data", args.data, "--model", args.model, "--out", out, "--threads",
-                  args.threads, "--jobs", args.threads, "--runtime", "ort", "--quiet", "--save-predictions")
-            table.append(seconds_of(out))
-        bare = session / 1e3 * len(samples)
-        print(f"table     {len(samples)} images: bench {min(table):.2f} s, the session alone {bare:.2f} s: {min(table) / bare:.3f}")
-
-        saved = folder / "table0" / "predictions.npy"
+        saved = args.saved or compare_model(args, samples, folder)
         disparities = np.load(saved)
         truth = folder / "truth"
         truth.mkdir()

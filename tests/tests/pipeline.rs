@@ -75,8 +75,13 @@ fn from_a_rendered_world_to_tables() {
     }
     assert!(first_line(&plan.eigen_results().join("table_3_3.txt")).contains("of 697 images"));
 
-    let page = fs_err::read_to_string(plan.report()).expect("the page is written");
-    for text in ["Table 3.1", "Table 3.2", "Table 3.3", "Abs Rel against distance"] {
+    let page = fs::read_to_string(plan.report()).expect("the page is written");
+    for text in [
+        "Table 3.1",
+        "Table 3.2",
+        "Table 3.3",
+        "Abs Rel against distance",
+    ] {
         assert!(page.contains(text), "{text} stands on the page");
     }
 

@@ -191,6 +191,7 @@ impl Validation {
             focal_px: sample.focal_px,
             baseline_m: sample.baseline_m,
             labels: None,
+            measured: None,
         };
         // A scan without a point in the crop gives no score, which is no failure of training.
         match evaluate(&self.protocol, &truth, &prediction.data) {

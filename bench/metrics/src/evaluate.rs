@@ -12,7 +12,9 @@
 //! because a depth that is rounded otherwise may fall on the other side of an accuracy
 //! threshold. Everything after that is double precision.
 
-use crate::metrics::{Metrics, crop_box, d1_all, depth_metrics, median};
+use std::borrow::Cow;
+
+use crate::metrics::{CropBox, Metrics, crop_box, d1_all, depth_metrics, median};
 use crate::protocol::{Camera, Group, Grouping, InfiniteDepth, LogBase, Protocol};
 
 /// What is known of an image, row-major planes of `width * height` values.
@@ -36,6 +38,115 @@ pub struct GroundTruth<'a> {
     pub baseline_m: f64,
     /// Cityscapes label ids, for protocols with groups.
     pub labels: Option<&'a [u8]>,
+    /// Where `depth_m` and `disparity_px` have something, if it was found before: worthwhile where
+    /// several protocols look at the same planes.
+    pub measured: Option<&'a MeasuredPixels>,
+}
+
+/// The pixels of an image that have ground truth, and that its planes hold nothing but usable
+/// numbers.
+#[derive(Clone, Debug)]
+pub struct MeasuredPixels {
+    width: usize,
+    /// Row-major places in ascending order.
+    places: Vec<u32>,
+    /// Where each row begins in `places`, and the end.
+    rows: Vec<usize>,
+}
+
+impl MeasuredPixels {
+    /// Looks for them.
+    ///
+    /// # Errors
+    /// Planes of wrong size, and values that are negative or not finite.
+    pub fn find(truth: &GroundTruth<'_>) -> Result<Self, EvaluateError> {
+        let (width, height) = (truth.width, truth.height);
+        for (plane, what, values) in [
+            ("depth ground truth", "depth", Some(truth.depth_m)),
+            ("disparity ground truth", "disparity", truth.disparity_px),
+        ] {
+            let Some(values) = values else { continue };
+            check_size(plane, values.len(), width, height)?;
+            check_plane(values, width, |row, column, value| EvaluateError::Truth {
+                what,
+                row,
+                column,
+                value,
+            })?;
+        }
+        // As many as a scan has, so that the list does not move while it grows.
+        let mut places = Vec::with_capacity(truth.depth_m.len() / 16);
+        let mut rows = Vec::with_capacity(height + 1);
+        rows.push(0);
+        for row in 0..height {
+            let own = row * width..(row + 1) * width;
+            match truth.disparity_px {
+                None => find_in_row(&truth.depth_m[own.clone()], own.start, &mut places),
+                // What has only one of the two is some protocol's ground truth as well.
+                Some(disparity_px) => places.extend(
+                    own.filter(|&place| truth.depth_m[place] != 0.0 || disparity_px[place] != 0.0)
+                        .map(|place| place as u32),
+                ),
+            }
+            rows.push(places.len());
+        }
+        Ok(Self {
+            width,
+            places,
+            rows,
+        })
+    }
+
+    /// Those within a part of the image, row by row.
+    fn within(&self, crop: CropBox) -> impl Iterator<Item = usize> {
+        (crop.top..crop.bottom).flat_map(move |row| {
+            let own = &self.places[self.rows[row]..self.rows[row + 1]];
+            let before = |column: usize| {
+                let end = row * self.width + column;
+                own.partition_point(|&place| (place as usize) < end)
+            };
+            own[before(crop.left)..before(crop.right)]
+                .iter()
+                .map(|&place| place as usize)
+        })
+    }
+}
+
+/// Nineteen of twenty pixels of a scan have nothing, most of them in runs: finding the others is
+/// what takes time. Within a piece their places are gathered without a branch, since no processor
+/// can foresee them.
+fn find_in_row(row: &[f32], start: usize, found: &mut Vec<u32>) {
+    for (start, piece) in (start..).step_by(PIECE).zip(row.chunks(PIECE)) {
+        if piece.iter().fold(0, |all, value| all | value.to_bits()) == 0 {
+            continue;
+        }
+        let (mut places, mut count) = ([0; PIECE], 0);
+        for (place, value) in piece.iter().enumerate() {
+            places[count % PIECE] = (start + place) as u32;
+            count += usize::from(*value != 0.0);
+        }
+        found.extend_from_slice(&places[..count]);
+    }
+}
+
+fn check_size(
+    plane: &'static str,
+    found: usize,
+    width: usize,
+    height: usize,
+) -> Result<(), EvaluateError> {
+    let expected = width.saturating_mul(height);
+    if found == expected {
+        Ok(())
+    } else {
+        Err(EvaluateError::Size {
+            plane,
+            found,
+            expected,
+            width,
+            height,
+        })
+    }
 }
 
 /// Score of one image, or of one group of pixels in it.
@@ -209,6 +320,7 @@ struct Predicted {
 struct Scene<'a> {
     protocol: &'a Protocol,
     truth: &'a GroundTruth<'a>,
+    measured: Cow<'a, MeasuredPixels>,
     /// Focal length times baseline: depth = this / disparity in pixels.
     focal_baseline: f64,
     /// Limits as the reference sees them beside single-precision depth.
@@ -244,43 +356,23 @@ impl<'a> Scene<'a> {
             name: protocol.name.clone(),
             what,
         };
-        let size = |plane, found| {
-            let (width, height) = (truth.width, truth.height);
-            let expected = width.saturating_mul(height);
-            if found == expected {
-                Ok(())
-            } else {
-                Err(EvaluateError::Size {
-                    plane,
-                    found,
-                    expected,
-                    width,
-                    height,
-                })
-            }
+        let measured = match truth.measured {
+            Some(found) => Cow::Borrowed(found),
+            None => Cow::Owned(MeasuredPixels::find(truth)?),
         };
-        size("depth ground truth", truth.depth_m.len())?;
-        check_plane(truth.depth_m, truth.width, |row, column, value| {
-            EvaluateError::Truth {
-                what: "depth",
-                row,
-                column,
-                value,
-            }
-        })?;
-        if let Some(disparity_px) = truth.disparity_px {
-            size("disparity ground truth", disparity_px.len())?;
-            check_plane(disparity_px, truth.width, |row, column, value| {
-                EvaluateError::Truth {
-                    what: "disparity",
-                    row,
-                    column,
-                    value,
-                }
-            })?;
+        for (plane, found) in [
+            ("depth ground truth", Some(truth.depth_m.len())),
+            (
+                "disparity ground truth",
+                truth.disparity_px.map(<[f32]>::len),
+            ),
+            ("label image", truth.labels.map(<[u8]>::len)),
+        ] {
+            let Some(found) = found else { continue };
+            check_size(plane, found, truth.width, truth.height)?;
         }
-        if let Some(labels) = truth.labels {
-            size("label image", labels.len())?;
+        if (measured.width, measured.rows.len()) != (truth.width, truth.height + 1) {
+            return Err(missing("measured pixels of this very image"));
         }
         if protocol.grouping == Grouping::Cityscapes && truth.labels.is_none() {
             return Err(missing("an image of Cityscapes labels"));
@@ -320,6 +412,7 @@ impl<'a> Scene<'a> {
         Ok(Self {
             protocol,
             truth,
+            measured,
             focal_baseline,
             min_depth_m,
             max_depth_m,
@@ -327,15 +420,12 @@ impl<'a> Scene<'a> {
     }
 
     fn check_prediction(&self, what: &'static str, plane: &[f32]) -> Result<(), EvaluateError> {
-        if plane.len() != self.truth.depth_m.len() {
-            return Err(EvaluateError::Size {
-                plane: "prediction",
-                found: plane.len(),
-                expected: self.truth.depth_m.len(),
-                width: self.truth.width,
-                height: self.truth.height,
-            });
-        }
+        check_size(
+            "prediction",
+            plane.len(),
+            self.truth.width,
+            self.truth.height,
+        )?;
         check_plane(plane, self.truth.width, |row, column, value| {
             EvaluateError::Prediction {
                 what,
@@ -348,7 +438,7 @@ impl<'a> Scene<'a> {
 
     /// What was measured, 0 where nothing was, and whether it is disparity in pixels rather than
     /// depth in metres.
-    fn measured(&self) -> (&'a [f32], bool) {
+    fn measured_plane(&self) -> (&'a [f32], bool) {
         match self.truth.disparity_px {
             Some(disparity_px) if self.protocol.ground_truth.is_stereo() => (disparity_px, true),
             _ => (self.truth.depth_m, false),
@@ -357,7 +447,7 @@ impl<'a> Scene<'a> {
 
     /// True depth of a pixel in metres; `None` where there is none or the protocol masks it.
     fn truth_m(&self, index: usize) -> Option<f64> {
-        let (measured, is_disparity) = self.measured();
+        let (measured, is_disparity) = self.measured_plane();
         let measured = f64::from(measured[index]);
         if measured == 0.0 {
             return None;
@@ -384,11 +474,10 @@ impl<'a> Scene<'a> {
     ) -> Result<Vec<ImageScore>, EvaluateError> {
         let (protocol, truth) = (self.protocol, self.truth);
         let crop = crop_box(protocol.crop, truth.width, truth.height);
-        // As many as a scan has, so that the list does not move while it grows.
-        let mut pixels = Vec::with_capacity(truth.depth_m.len() / 16);
-        let mut take = |index: usize| {
+        let mut pixels = Vec::with_capacity(self.measured.places.len());
+        for index in self.measured.within(crop) {
             let Some(truth_m) = self.truth_m(index) else {
-                return;
+                continue;
             };
             let predicted = predict(index);
             pixels.push(Pixel {
@@ -407,18 +496,6 @@ impl<'a> Scene<'a> {
                     Grouping::Distance => Group::of_depth(truth_m),
                 },
             });
-        };
-        let (measured, _) = self.measured();
-        for row in crop.top..crop.bottom {
-            let start = row * truth.width + crop.left;
-            let row = &measured[start..][..crop.right - crop.left];
-            // Nineteen of twenty pixels of a scan have nothing, most of them in runs: finding the
-            // others is what takes time.
-            for (start, piece) in (start..).step_by(PIECE).zip(row.chunks(PIECE)) {
-                if piece.iter().fold(0, |all, value| all | value.to_bits()) != 0 {
-                    (start..start + piece.len()).for_each(&mut take);
-                }
-            }
         }
 
         let scale = if protocol.median_scaling {
@@ -674,6 +751,7 @@ mod tests {
             focal_px: FOCAL_PX,
             baseline_m: BASELINE_M,
             labels: None,
+            measured: None,
         };
         let named = |name: &str| protocol(name).unwrap();
         let uncropped = Protocol {
@@ -727,6 +805,7 @@ mod tests {
             // Not the nominal baseline: the protocol brings its own.
             baseline_m: BASELINE_M,
             labels: None,
+            measured: None,
         };
         let scores = evaluate(&protocol("kitti2015").unwrap(), &truth, &fixture.predicted).unwrap();
         let expected = [
@@ -757,6 +836,7 @@ mod tests {
             focal_px: FOCAL_PX,
             baseline_m: BASELINE_M,
             labels: None,
+            measured: None,
         };
         let score =
             |name: &str| evaluate(&protocol(name).unwrap(), &truth, &fixture.predicted).unwrap();
@@ -799,6 +879,7 @@ mod tests {
             focal_px: FOCAL_PX,
             baseline_m: BASELINE_M,
             labels: Some(labels),
+            measured: None,
         };
         let semantic = protocol("semantic").unwrap();
         let mut scores = evaluate(&semantic, &truth(&labels), &fixture.predicted).unwrap();
@@ -889,6 +970,7 @@ mod tests {
             focal_px: 100.0,
             baseline_m: 0.5,
             labels: None,
+            measured: None,
         }
     }
 
@@ -992,6 +1074,7 @@ mod tests {
                 focal_px: 100.0,
                 baseline_m: 0.5,
                 labels: Some(&labels),
+                measured: None,
             };
             let disparity_px: Vec<f32> = depth_m.iter().map(|depth| 54.0 / depth).collect();
             let truth = GroundTruth {
@@ -1215,6 +1298,7 @@ mod tests {
                 focal_px: 700.0,
                 baseline_m: 0.5,
                 labels: Some(&labels[..count]),
+                measured: None,
             };
             let predicted: Vec<f32> = planes[..count].iter().map(|p| p[1]).collect();
             for scores in [

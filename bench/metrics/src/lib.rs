@@ -58,7 +58,9 @@ pub mod statistics;
 pub mod tables;
 
 pub use columns::CsvError;
-pub use evaluate::{EvaluateError, GroundTruth, ImageScore, evaluate, evaluate_depth, flip_blend};
+pub use evaluate::{
+    EvaluateError, GroundTruth, ImageScore, MeasuredPixels, evaluate, evaluate_depth, flip_blend,
+};
 pub use metrics::{CropBox, Metric, Metrics, crop_box, d1_all, depth_metrics, median};
 pub use protocol::{
     Camera, Crop, D1Rule, GroundTruthKind, Group, Grouping, InfiniteDepth, LogBase, PostProcessing,

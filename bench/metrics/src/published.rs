@@ -90,7 +90,8 @@ fn cite(table: ThesisTable, row: Option<u32>, reference: Option<u32>) -> String 
     text
 }
 
-/// Lines of table 3.1 or 3.3 in printed order; none for table 3.2, see [`groups`].
+/// Lines of table 3.1 or 3.3 in printed order; none for table 3.2, see [`groups`],
+/// and for Make3D.
 pub fn rows(table: ThesisTable) -> &'static [PublishedRow] {
     static TABLE_3_1: LazyLock<Vec<PublishedRow>> = LazyLock::new(|| {
         let text = include_str!("../../published/table_3_1.csv");
@@ -102,7 +103,7 @@ pub fn rows(table: ThesisTable) -> &'static [PublishedRow] {
     });
     match table {
         ThesisTable::Table31 => &TABLE_3_1,
-        ThesisTable::Table32 => &[],
+        ThesisTable::Table32 | ThesisTable::Make3d => &[],
         ThesisTable::Table33 => &TABLE_3_3,
     }
 }

@@ -21,12 +21,12 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::metrics::{Metric, Metrics};
-use crate::protocol::{Group, protocol};
+use crate::protocol::{Group, LogBase, protocol};
 use crate::published::{self, Marker, PublishedRow};
 use crate::rows::{ModelRows, Row, RowsError, by_model};
 use crate::statistics::{Bootstrap, Interval, Summary, summarise};
 
-/// A table of the thesis.
+/// A table of the thesis, or the one that belongs beside its figure 3.6.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ThesisTable {
     /// KITTI split.
@@ -35,11 +35,13 @@ pub enum ThesisTable {
     Table32,
     /// Eigen split, 80 m above and 50 m below.
     Table33,
+    /// Make3D, of which the thesis shows pictures only (figure 3.6; PROTOCOL 1.4).
+    Make3d,
 }
 
 impl ThesisTable {
     /// All tables.
-    pub const ALL: [Self; 3] = [Self::Table31, Self::Table32, Self::Table33];
+    pub const ALL: [Self; 4] = [Self::Table31, Self::Table32, Self::Table33, Self::Make3d];
 
     /// Names of the protocols behind the table, section by section.
     pub fn protocols(self) -> &'static [&'static str] {
@@ -47,6 +49,7 @@ impl ThesisTable {
             Self::Table31 => &["kitti2015"],
             Self::Table32 => &["semantic"],
             Self::Table33 => &["eigen-80", "eigen-50"],
+            Self::Make3d => &["make3d-c1"],
         }
     }
 
@@ -55,6 +58,7 @@ impl ThesisTable {
             Self::Table31 => "KITTI split",
             Self::Table32 => "RMSE in metres by semantic group",
             Self::Table33 => "Eigen split",
+            Self::Make3d => "beside figure 3.6",
         }
     }
 }
@@ -65,6 +69,7 @@ impl fmt::Display for ThesisTable {
             Self::Table31 => "3.1",
             Self::Table32 => "3.2",
             Self::Table33 => "3.3",
+            Self::Make3d => "make3d",
         })
     }
 }
@@ -95,7 +100,7 @@ pub struct Coverage {
 #[non_exhaustive]
 pub enum TableError {
     /// No such table.
-    #[error("there is no table {0:?}; the tables are 3.1, 3.2 and 3.3")]
+    #[error("there is no table {0:?}; the tables are 3.1, 3.2, 3.3 and make3d")]
     Unknown(String),
     /// Rows that do not belong together.
     #[error(transparent)]
@@ -481,7 +486,11 @@ fn first_line(table: ThesisTable, parts: &[Part<'_>], coverage: &Coverage) -> St
 fn remarks(parts: &[Part<'_>], coverage: &Coverage) -> Vec<String> {
     let mut remarks = Vec::new();
     let measured = parts.iter().any(|part| !part.models.is_empty());
-    if measured && coverage.source != "kitti" {
+    let own_source = match parts.first().map(|part| part.own) {
+        Some("make3d-c1") => "make3d",
+        _ => "kitti",
+    };
+    if measured && coverage.source != own_source {
         remarks.push(format!(
             "The images are {}, not KITTI: measured figures cannot be compared with published \
              ones.",
@@ -507,6 +516,14 @@ fn remarks(parts: &[Part<'_>], coverage: &Coverage) -> Vec<String> {
     remarks
 }
 
+/// A metric's heading under a protocol.
+fn heading(metric: Metric, name: &str) -> &'static str {
+    match (metric, protocol(name).map(|protocol| protocol.log_base)) {
+        (Metric::RmseLog, Some(LogBase::Ten)) => "RMSE log10",
+        _ => metric.heading(),
+    }
+}
+
 fn measured_notes(protocol: &str, model: &ModelRows<'_>, summary: &Summary) -> Vec<String> {
     let name = &model.context().model;
     let mut notes = Vec::new();
@@ -518,7 +535,7 @@ fn measured_notes(protocol: &str, model: &ModelRows<'_>, summary: &Summary) -> V
             let interval = intervals[metric as usize];
             format!(
                 "{} {:.3} to {:.3}",
-                metric.heading(),
+                heading(metric, protocol),
                 interval.low,
                 interval.high
             )
@@ -592,7 +609,7 @@ impl Table {
         .into();
         self.columns.extend(Metric::ALL.map(|metric| Column {
             key: metric.name().to_owned(),
-            heading: metric.heading().to_owned(),
+            heading: heading(metric, parts.first().map_or("", |part| &part.protocol)).to_owned(),
             latex: match metric {
                 Metric::A1 => Some(r"$\delta<1.25$"),
                 Metric::A2 => Some(r"$\delta<1.25^2$"),
@@ -671,6 +688,10 @@ impl Table {
 
         self.notes.push(
             match self.id {
+                ThesisTable::Make3d => {
+                    "The thesis has pictures of Make3D only. Criterion C1: depths up to 70 m, each \
+                     prediction scaled by medians, central crop of 2:1."
+                }
                 ThesisTable::Table33 => {
                     "Marks: * trained with measured depth, † with synthetic images and their \
                      depth. Rows trained on monocular video were scaled by medians. Rows marked \

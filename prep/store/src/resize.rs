@@ -135,28 +135,24 @@ pub fn bilinear_f32(source: &Plane, width: usize, height: usize) -> Plane {
     let stretch = |row: usize, into: &mut Vec<f32>| {
         let values = source.row(row);
         into.clear();
-        into.extend(
-            columns
-                .iter()
-                .map(|tap| values[tap.low] * (1.0 - tap.weight) + values[tap.high] * tap.weight),
-        );
+        into.extend(columns.iter().map(|tap| {
+            values[tap.low as usize] * tap.weights[0] + values[tap.high as usize] * tap.weights[1]
+        }));
     };
     let mut data = Vec::with_capacity(width * height);
     // The two stretched source rows in use; enlarging uses each of them several times.
     let mut cached = [(usize::MAX, Vec::new()), (usize::MAX, Vec::new())];
     for tap in &rows {
-        for wanted in [tap.low, tap.high] {
+        let (low, high) = (tap.low as usize, tap.high as usize);
+        for wanted in [low, high] {
             if cached[wanted % 2].0 != wanted {
                 stretch(wanted, &mut cached[wanted % 2].1);
                 cached[wanted % 2].0 = wanted;
             }
         }
-        let (low, high) = (&cached[tap.low % 2].1, &cached[tap.high % 2].1);
-        data.extend(
-            low.iter()
-                .zip(high)
-                .map(|(a, b)| a * (1.0 - tap.weight) + b * tap.weight),
-        );
+        let (low, high) = (&cached[low % 2].1, &cached[high % 2].1);
+        let [of_low, of_high] = tap.weights;
+        data.extend(low.iter().zip(high).map(|(a, b)| a * of_low + b * of_high));
     }
     Plane {
         width,
@@ -165,11 +161,12 @@ pub fn bilinear_f32(source: &Plane, width: usize, height: usize) -> Plane {
     }
 }
 
-/// The two neighbours of a target pixel along one axis and the weight of the second.
+/// The two neighbours of a target pixel along one axis and their weights; small, as every pixel of
+/// a row asks for one.
 struct Tap {
-    low: usize,
-    high: usize,
-    weight: f32,
+    low: u32,
+    high: u32,
+    weights: [f32; 2],
 }
 
 fn linear_taps(source: usize, target: usize) -> Vec<Tap> {
@@ -181,8 +178,8 @@ fn linear_taps(source: usize, target: usize) -> Vec<Tap> {
             if floor < 0.0 {
                 return Tap {
                     low: 0,
-                    high: 1.min(source - 1),
-                    weight: 0.0,
+                    high: 1.min(source - 1) as u32,
+                    weights: [1.0, 0.0],
                 };
             }
             let low = (floor as usize).min(source - 1);
@@ -192,9 +189,9 @@ fn linear_taps(source: usize, target: usize) -> Vec<Tap> {
                 (position - floor) as f32
             };
             Tap {
-                low,
-                high: (low + 1).min(source - 1),
-                weight,
+                low: low as u32,
+                high: (low + 1).min(source - 1) as u32,
+                weights: [1.0 - weight, weight],
             }
         })
         .collect()

@@ -1,0 +1,258 @@
+//! `bench figures` from outside: sheets of models side by side, Make3D, and what is said of models
+//! and images that cannot be drawn.
+
+#[allow(dead_code, reason = "each test file needs another part of it")]
+mod support;
+#[path = "support/world.rs"]
+mod world;
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use assert_cmd::Command;
+use image::{Rgb, RgbImage};
+use strat_splits::{Role, Split};
+use strat_store::{
+    exr::{self, DepthHeader},
+    files, image_files,
+    raster::Plane,
+    resize::Kernel,
+    set::{Content, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample},
+};
+use support::{metadata, network, write_model};
+use world::{Ran, World, run, text};
+
+fn figures(set: &Path, out: &Path, more: &[&str]) -> Ran {
+    let mut command = Command::cargo_bin("bench").unwrap();
+    command.args(["figures", "--runtime", "embedded", "--quiet", "--data"]);
+    run(command.arg(set).arg("--out").arg(out).args(more))
+}
+
+fn svg(out: &Path, name: &str) -> String {
+    fs::read_to_string(out.join(format!("{name}.svg"))).unwrap()
+}
+
+#[test]
+fn models_stand_side_by_side() {
+    let world = World::new(Split::Kitti, 6, false);
+    let a = write_model(world.folder.path(), "a", 0.05, 0.0, "kitti");
+    let b = write_model(world.folder.path(), "b", 0.1, 0.01, "kitti");
+    let models = [
+        "--model",
+        &text(&a),
+        "--model",
+        &format!("b & c={}", text(&b)),
+    ];
+    let (set, out) = (world.path("set"), world.path("out"));
+    let ran = figures(&set, &out, &models);
+    assert_eq!(ran.code(0).out.lines().count(), 2, "{}", ran.out);
+    let sheet = svg(&out, "comparison");
+    for words in [
+        "KITTI split: depth and its error under kitti2015",
+        "kitti2015/000000",
+        "a: depth",
+        "b &amp; c: relative error",
+        "ground truth, dilated",
+    ] {
+        assert!(sheet.contains(words), "no {words}");
+    }
+    // Input, truth, two maps and two errors for each of four images.
+    assert_eq!(sheet.matches("<image").count(), 24);
+    // Half of the constant is the right disparity: 0.025 of 32 columns moves by 0.8.
+    let views = svg(&out, "fig_3_10");
+    assert!(views.contains("a: right view") && views.contains("grey levels in the mean"));
+    for name in ["comparison", "fig_3_10"] {
+        let drawn = image_files::read_rgb(&out.join(format!("{name}.png"))).unwrap();
+        assert!(drawn.width() > 300 && drawn.height() > 300, "{name}");
+    }
+    let record = fs::read_to_string(out.join("figures.yaml")).unwrap();
+    assert!(record.contains("kitti2015/000004") && record.contains("blake3"));
+    // The same again, byte for byte.
+    figures(&set, &world.path("again"), &models).code(0);
+    assert_eq!(sheet, svg(&world.path("again"), "comparison"));
+}
+
+#[test]
+fn images_are_chosen_by_id_or_by_their_error() {
+    let world = World::new(Split::Kitti, 6, false);
+    let model = text(&write_model(world.folder.path(), "m", 0.04, 0.01, "kitti"));
+    world.bench("3.1", "run", &["--model", &model]).code(0);
+    let mut rows = world.rows("run");
+    rows.sort_by(|a, b| a.score.metrics.abs_rel.total_cmp(&b.score.metrics.abs_rel));
+    let (best, worst) = (&rows[0].image, &rows[5].image);
+    assert_ne!(rows[0].score.metrics.abs_rel, rows[5].score.metrics.abs_rel);
+    let (set, out) = (world.path("set"), world.path("out"));
+    let file = text(&world.path("run/rows.csv"));
+    let chosen = |more: &[&str]| -> Vec<String> {
+        figures(&set, &out, &[&["--model", &model], more].concat()).code(0);
+        let record = fs::read_to_string(out.join("figures.yaml")).unwrap();
+        let lines = record.lines().map(|line| line.trim_start_matches("- "));
+        lines
+            .filter(|line| line.starts_with("kitti2015/") && !line.contains(','))
+            .map(str::to_owned)
+            .collect()
+    };
+    assert_eq!(chosen(&["--rows", &file, "--worst", "1"]), [worst.clone()]);
+    assert_eq!(
+        chosen(&["--rows", &file, "--worst", "1", "--best", "1"]),
+        [worst.clone(), best.clone()]
+    );
+    assert_eq!(
+        chosen(&["--frames", "kitti2015/000003,kitti2015/000001"]),
+        ["kitti2015/000003", "kitti2015/000001"]
+    );
+    assert_eq!(
+        chosen(&["--count", "2"]),
+        ["kitti2015/000000", "kitti2015/000003"]
+    );
+
+    let wrong = |more: &[&str]| figures(&set, &out, &[&["--model", &model], more].concat());
+    wrong(&["--frames", "kitti2015/000777"])
+        .code(1)
+        .says("no test image kitti2015/000777; one that it has is kitti2015/000000");
+    wrong(&["--rows", &file]).code(2).says("--worst");
+    wrong(&["--worst", "2"]).code(2).says("--rows");
+    wrong(&["--protocol", "eigen-80"]).code(2).says("Velodyne");
+    figures(&set, &out, &[]).code(2).says("--model");
+    figures(&world.path("nowhere"), &out, &["--model", &model])
+        .code(1)
+        .says("nowhere");
+}
+
+#[test]
+fn what_cannot_be_drawn_is_said_and_the_rest_is_drawn() {
+    let world = World::new(Split::Eigen, 3, false);
+    let good = text(&write_model(world.folder.path(), "good", 0.1, 0.0, "eigen"));
+    let nan = world.path("nan.onnx");
+    fs::write(&nan, network(f32::NAN, 0.0, Some(&metadata("eigen")))).unwrap();
+    let garbage = world.path("garbage.onnx");
+    fs::write(&garbage, b"garbage").unwrap();
+    let (set, out) = (world.path("set"), world.path("out"));
+    let models = [
+        "--model",
+        &good,
+        "--model",
+        &text(&nan),
+        "--model",
+        &text(&garbage),
+    ];
+    figures(&set, &out, &models)
+        .code(1)
+        .says("nan, image")
+        .says("garbage");
+    let sheet = svg(&out, "comparison");
+    assert!(sheet.contains("good: depth") && sheet.contains("nan: no depth: "));
+    assert!(!sheet.contains("garbage"));
+    // Nothing but broken models.
+    figures(&set, &world.path("none"), &["--model", &text(&garbage)]).code(1);
+    assert!(!world.path("none/comparison.svg").exists());
+}
+
+/// A set as `prep make3d` makes it: one picture, and a coarse laser grid of its middle.
+fn make3d(root: &Path) {
+    let put = |path: &str, bytes: &[u8]| {
+        files::write_atomic(&root.join(path), bytes).unwrap();
+        FileRef {
+            path: path.to_owned(),
+            blake3: files::blake3_hex(bytes),
+        }
+    };
+    let samples: Vec<Sample> = ["a", "b", "c"]
+        .iter()
+        .map(|stem| {
+            let picture = |width, height| {
+                let image = RgbImage::from_fn(width, height, |x, y| {
+                    Rgb([
+                        (x * 200 / width) as u8,
+                        (y * 200 / height) as u8,
+                        stem.as_bytes()[0],
+                    ])
+                });
+                image_files::encode_png_rgb(&image)
+            };
+            // 5 m below, 40 m above.
+            let depth = (0..305 * 21).map(|i| 40.0 - 35.0 * (i / 305) as f32 / 20.0);
+            let grid = Plane::new(305, 21, depth.collect()).unwrap();
+            let header = DepthHeader {
+                source: "laser".to_owned(),
+                axis: "ray".to_owned(),
+                focal_px: 0.0,
+                baseline_m: 0.0,
+                frame: (*stem).to_owned(),
+            };
+            let laser = exr::encode_depth(&grid, &header).unwrap();
+            let left = put(&format!("l/{stem}.png"), &picture(32, 16));
+            Sample {
+                left_full: Some(put(&format!("f/{stem}.png"), &picture(426, 213))),
+                depth_laser: Some(put(&format!("d/{stem}.exr"), &laser)),
+                ..Sample::new(format!("make3d/{stem}"), (426, 213), 0.0, 0.0, left)
+            }
+        })
+        .collect();
+    let manifest = Manifest {
+        format: FORMAT,
+        content: Content::Make3d,
+        split_digest: None,
+        source: "drawn".to_owned(),
+        image_width: 32,
+        image_height: 16,
+        kernel: Kernel::Area,
+        codec: "png".to_owned(),
+        counts: BTreeMap::from([(
+            Role::Test,
+            Count {
+                expected: 134,
+                found: 3,
+            },
+        )]),
+        failures: 0,
+        cameras: Vec::new(),
+        tool_version: "test".to_owned(),
+        data_digest: String::new(),
+    };
+    PreparedSet::write(root, manifest, &BTreeMap::from([(Role::Test, samples)])).unwrap();
+}
+
+#[test]
+fn make3d_has_panels_and_a_table() {
+    let world = World::new(Split::Kitti, 1, false);
+    let set = world.path("make3d");
+    make3d(&set);
+    let model = text(&write_model(world.folder.path(), "m", 0.05, 0.02, "kitti"));
+    let out = world.path("out");
+    figures(&set, &out, &["--model", &model]).code(0);
+    let sheet = svg(&out, "fig_3_6");
+    assert!(sheet.contains("Make3D: depth and its error under make3d-c1"));
+    assert_eq!(sheet.matches("<image").count(), 12);
+    assert!(
+        !out.join("fig_3_10.svg").exists(),
+        "there are no right views"
+    );
+
+    let mut command = Command::cargo_bin("bench").unwrap();
+    command.args([
+        "--table",
+        "make3d",
+        "--runtime",
+        "embedded",
+        "--model",
+        &model,
+    ]);
+    let ran = run(command.arg("--data").arg(&set).arg("--out").arg(&out));
+    let line = ran.code(0).out.lines().next().unwrap().to_owned();
+    assert!(
+        line.starts_with("Table make3d, beside figure 3.6: 3 of 134 images; protocol make3d-c1"),
+        "{line}"
+    );
+    assert!(ran.out.contains("RMSE log10"), "{}", ran.out);
+    for ending in ["txt", "md", "tex", "csv"] {
+        assert!(
+            out.join(format!("table_make3d.{ending}")).is_file(),
+            "{ending}"
+        );
+    }
+    // A table of KITTI is refused, and this one for KITTI.
+    world
+        .bench("make3d", "other", &["--model", &model])
+        .code(2)
+        .says("make3d");
+}
