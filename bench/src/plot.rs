@@ -21,7 +21,11 @@ const STYLES: [(&str, &str); 5] = [
     ("#56b4e9", "4 2"),
 ];
 /// Lines that are not measured: ideals and fits.
-const GUIDE: (&str, &str) = ("#444444", "5 4");
+const GUIDES: [(&str, &str); 3] = [
+    ("#444444", "5 4"),
+    ("#444444", "1 3"),
+    ("#444444", "10 3 1 3"),
+];
 const FONT: &str = "DejaVu Sans, Verdana, Arial, sans-serif";
 
 /// A curve.
@@ -283,10 +287,11 @@ impl Panel {
              height=\"{PLOT_HEIGHT}\"/></clipPath>\n<g clip-path=\"url(#plot{index})\" fill=\"none\">"
         );
         let mut key = String::new();
-        let mut measured = 0;
+        let (mut measured, mut guides) = (0, 0);
         for (place, curve) in self.curves.iter().enumerate() {
             let (colour, dashes) = if curve.guide {
-                GUIDE
+                guides += 1;
+                GUIDES[(guides - 1) % GUIDES.len()]
             } else {
                 measured += 1;
                 STYLES[(measured - 1) % STYLES.len()]

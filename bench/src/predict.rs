@@ -759,13 +759,13 @@ fn score(task: &Task<'_>, sample: &Sample, predicted: Predicted) -> Scored {
                 predicted,
                 truth: true_disparity,
                 depth_at_width_m: focal_baseline_fraction,
-                median_within_m: protocol.median_scaling.then(|| {
-                    if protocol.mask_ground_truth {
+                median_within_m: protocol
+                    .median_scaling
+                    .then_some(if protocol.mask_ground_truth {
                         (protocol.min_depth_m as f32, protocol.max_depth_m as f32)
                     } else {
                         (0.0, f32::INFINITY)
-                    }
-                }),
+                    }),
             });
         }
     }

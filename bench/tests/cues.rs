@@ -24,7 +24,9 @@ use strat_onnx::{
 };
 use strat_splits::{Role, Split};
 use strat_store::{
+    exr::{self, DepthHeader},
     files, image_files,
+    raster::Plane,
     resize::Kernel,
     set::{Count, FORMAT, FileRef, Manifest, PreparedSet, Sample},
 };
@@ -285,6 +287,106 @@ fn ground() -> Vec<f32> {
 const HEIGHT_CUE: &str = "height in the visual field";
 const SIZE_CUE: &str = "relative size of familiar objects";
 const CONTRAST_CUE: &str = "luminance contrast of familiar objects";
+
+/// A car and a pedestrian that stand where their ground truth puts them, and a car whose depth would
+/// make it a toy: the first two are cut, whole, with their real height.
+#[test]
+fn sprites_are_cut_from_labelled_images() {
+    let world = World::new(5);
+    // left, top, width, height, instance id, depth in metres.
+    let objects = [
+        (40, 40, 60, 52, 26 * 256 + 1, 7.0_f32),
+        (160, 40, 24, 56, 24 * 256 + 2, 7.3),
+        (260, 40, 60, 52, 26 * 256 + 3, 1.0),
+    ];
+    let mut instances = vec![0_u16; (WIDTH * HEIGHT) as usize];
+    let mut depth = Plane::filled(WIDTH as usize, HEIGHT as usize, 0.0);
+    for (left, top, width, height, id, depth_m) in objects {
+        for y in top..top + height {
+            for x in left..left + width {
+                let place = (y * WIDTH + x) as usize;
+                (instances[place], depth.data[place]) = (id, depth_m);
+            }
+        }
+    }
+    let root = world.path("set");
+    let set = PreparedSet::open(&root).unwrap();
+    let put = |path: &str, bytes: &[u8]| {
+        files::write_atomic(&root.join(path), bytes).unwrap();
+        Some(FileRef {
+            path: path.to_owned(),
+            blake3: files::blake3_hex(bytes),
+        })
+    };
+    let header = DepthHeader {
+        source: "test".to_owned(),
+        axis: "z".to_owned(),
+        focal_px: FOCAL_PX,
+        baseline_m: 0.54,
+        frame: "0".to_owned(),
+    };
+    let mut samples = set.samples(Role::Test).unwrap();
+    samples[2].instance = put(
+        "i.png",
+        &image_files::encode_png_gray16(WIDTH, HEIGHT, &instances),
+    );
+    samples[2].depth_noc = put("d.exr", &exr::encode_depth(&depth, &header).unwrap());
+    let samples = BTreeMap::from([(Role::Test, samples)]);
+    PreparedSet::write(&root, set.manifest, &samples).unwrap();
+
+    let (data, out) = (world.text("set"), world.text("cut"));
+    bench(&["sprites", "--data", &data, "--out", &out, "--each", "2"]).code(0);
+    let text = fs::read_to_string(world.path("cut/sprites.yaml")).unwrap();
+    let cut: serde_yaml::Value = serde_yaml::from_str(&text).unwrap();
+    let found: Vec<(&str, f64)> = cut["sprites"]
+        .as_sequence()
+        .unwrap()
+        .iter()
+        .map(|entry| {
+            let height = entry["height_m"].as_f64().unwrap();
+            (entry["name"].as_str().unwrap(), height)
+        })
+        .collect();
+    // height_px * depth / f.
+    let round = |value: f64| (1000.0 * value).round() / 1000.0;
+    assert_eq!(found[0], ("car", round(52.0 * 7.0 / FOCAL_PX)));
+    let pedestrian = round(56.0 * f64::from(7.3_f32) / FOCAL_PX);
+    assert_eq!(found[1], ("pedestrian", pedestrian));
+    assert_eq!((found.len(), found[2].0), (3, "crate"));
+    let file = cut["sprites"][0]["file"].as_str().unwrap();
+    let sprite = image::open(world.path("cut").join(file))
+        .unwrap()
+        .to_rgba8();
+    assert_eq!(sprite.dimensions(), (68, 60), "with a margin of 4");
+    assert_eq!(
+        (sprite.get_pixel(0, 0).0[3], sprite.get_pixel(30, 30).0[3]),
+        (0, 255)
+    );
+    let original = image_files::read_rgb(&root.join("full/000002.png")).unwrap();
+    let pixel = sprite.get_pixel(30, 30).0;
+    assert_eq!(pixel[..3], original.get_pixel(40 + 26, 40 + 26).0);
+    // They serve as sprites.
+    world.model("constant", "depth_m", known(&Known::Constant(8.0)));
+    let model = world.text("constant.onnx");
+    bench(&[
+        "cues",
+        "height",
+        "--data",
+        &data,
+        "--sprites",
+        &out,
+        "--model",
+        &model,
+        "--out",
+        &world.text("cues"),
+        "--backgrounds",
+        "5",
+        "--runtime",
+        "embedded",
+        "--quiet",
+    ])
+    .code(0);
+}
 
 #[test]
 fn cues_are_found_where_they_are_and_nowhere_else() {

@@ -20,6 +20,10 @@ use strat_geometry::{
 use strat_store::resize::{self, Kernel};
 use strat_store::{files, image_files};
 
+/// As the command has it.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 fn main() -> Result<()> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let [what, threads, out, rest @ ..] = &args[..] else {

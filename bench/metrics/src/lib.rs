@@ -22,6 +22,7 @@
 //!     focal_px: 721.5377,
 //!     baseline_m: 0.5327,
 //!     labels: None,
+//!     measured: None,
 //! };
 //! let context = RowContext {
 //!     model: "mine".into(),

@@ -160,6 +160,9 @@ struct ModelRecord {
     seconds: f64,
     /// Share of that time in which the model did not run.
     overhead: f64,
+    /// What was warned about, such as a training on the backgrounds' drives.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
 }
 
 /// A failure as a line of `failures.csv`.
@@ -373,24 +376,28 @@ impl Session<'_> {
             self.args.device,
             threads,
         )?;
+        let mut warnings = Vec::new();
         if let Some(result) = model.probe()?.filter(|result| !result.passes()) {
-            eprintln!(
-                "warning: PROBE FAILED: model {} on {} differs from the trainer's own output by {:.1e} \
+            warnings.push(format!(
+                "PROBE FAILED: model {} on {} differs from the trainer's own output by {:.1e} \
                  (more than {PROBE_TOLERANCE:.0e}); do not trust the figures",
                 model.name,
                 model.provider(),
                 result.max_difference
-            );
+            ));
         }
         let samples = self.set.samples(Role::Test)?;
         let content = self.set.manifest.content;
         if let Leakage::Drives { .. } | Leakage::OtherSplit { .. } =
             leakage::check(model.file.info.metadata(), content, &samples)
         {
-            eprintln!(
-                "warning: LEAKAGE: model {} was trained on drives that the backgrounds may come from",
+            warnings.push(format!(
+                "LEAKAGE: model {} was trained on drives that the backgrounds may come from",
                 model.name
-            );
+            ));
+        }
+        for warning in &warnings {
+            eprintln!("warning: {warning}");
         }
         let clean = run::predict_clean(&mut model, &self.backgrounds)?;
         let progress = Progress::new(
@@ -438,6 +445,7 @@ impl Session<'_> {
             failures: outcome.failures.len(),
             seconds: round(outcome.wall),
             overhead: (1000.0 * outcome.overhead()).round() / 1000.0,
+            warnings,
         };
         Ok((record, outcome, sheets))
     }
