@@ -89,6 +89,28 @@ fn figures_of_the_page_are_those_of_the_rows() {
     assert!(page.contains("&lt;i&gt;second&lt;/i&gt;") && !page.contains("<i>second"));
 }
 
+/// Scans of 10 m: the upper end belongs to the nearer distance.
+#[test]
+fn pixels_are_grouped_by_their_true_depth() {
+    let world = World::new(Split::Eigen, 3, false);
+    let model = write_model(world.folder.path(), "m", 0.05, 0.01, "eigen");
+    let more = ["--model", &text(&model), "--protocol", "eigen-80-distance"];
+    let ran = world.bench("3.3", "out", &more);
+    assert!(
+        ran.code(0)
+            .out
+            .contains("m under eigen-80-distance, Abs Rel by true depth: 5-10m"),
+        "{}",
+        ran.out
+    );
+    let rows = world.rows("out");
+    let groups: Vec<Option<Group>> = of(&rows, "eigen-80-distance")
+        .iter()
+        .map(|row| row.score.group)
+        .collect();
+    assert_eq!(groups, [Some(Group::To10m); 3]);
+}
+
 #[test]
 fn the_page_stands_alone() {
     let world = two_runs();
