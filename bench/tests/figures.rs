@@ -91,10 +91,10 @@ fn images_are_chosen_by_id_or_by_their_error() {
             .map(str::to_owned)
             .collect()
     };
-    assert_eq!(chosen(&["--rows", &file, "--worst", "1"]), [worst.clone()]);
+    assert_eq!(chosen(&["--rows", &file, "--worst", "1"]), [worst.as_str()]);
     assert_eq!(
         chosen(&["--rows", &file, "--worst", "1", "--best", "1"]),
-        [worst.clone(), best.clone()]
+        [worst.as_str(), best.as_str()]
     );
     assert_eq!(
         chosen(&["--frames", "kitti2015/000003,kitti2015/000001"]),
