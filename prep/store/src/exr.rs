@@ -13,6 +13,12 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::raster::Plane;
 
+/// Deflate makes at most 1032 bytes of one; no method of the format makes more than this of a
+/// picture that is worth reading.
+const STRONGEST_COMPRESSION: usize = 4096;
+/// Small enough for any machine, whatever the file: 64 MiB.
+const ALWAYS_DECODED: usize = 64 << 20;
+
 /// What a depth file says about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthHeader {
@@ -173,6 +179,28 @@ fn first_layer(
     bytes: &[u8],
     describe: impl FnOnce(exr::error::Error) -> String,
 ) -> std::result::Result<Layer<AnyChannels<FlatSamples>>, String> {
+    let in_words = |error| match error {
+        exr::error::Error::Io(_) => format!("it is truncated ({} bytes)", bytes.len()),
+        other => describe(other),
+    };
+    // The decoder makes room for what the header promises before it has seen any of it.
+    let headers = match MetaData::read_from_buffered(Cursor::new(bytes), false) {
+        Ok(metadata) => metadata.headers,
+        Err(error) => return Err(in_words(error)),
+    };
+    for header in &headers {
+        let (width, height) = (header.layer_size.x(), header.layer_size.y());
+        let decoded = width
+            .checked_mul(height)
+            .and_then(|pixels| pixels.checked_mul(header.channels.bytes_per_pixel));
+        let possible = ALWAYS_DECODED.max(bytes.len().saturating_mul(STRONGEST_COMPRESSION));
+        if decoded.is_none_or(|decoded| decoded > possible) {
+            return Err(format!(
+                "its header promises {width} x {height} pixels, more than its {} bytes can hold",
+                bytes.len()
+            ));
+        }
+    }
     let image = read()
         .no_deep_data()
         .largest_resolution_level()
@@ -181,10 +209,7 @@ fn first_layer(
         .all_attributes()
         .non_parallel()
         .from_buffered(Cursor::new(bytes))
-        .map_err(|error| match error {
-            exr::error::Error::Io(_) => format!("it is truncated ({} bytes)", bytes.len()),
-            other => describe(other),
-        })?;
+        .map_err(in_words)?;
     Ok(image.layer_data)
 }
 
@@ -308,6 +333,24 @@ mod tests {
                 .to_string()
                 .contains("its unit is `f`, not `m`")
         );
+    }
+
+    /// Found by fuzzing: room was made for whatever the header promised, and the program aborted.
+    #[test]
+    fn promises_that_no_file_can_keep_are_refused() {
+        let mut bytes = encode(&depth(), &header()).unwrap();
+        let window = b"dataWindow\0box2i\0";
+        let place = bytes.windows(window.len()).position(|part| part == window);
+        // The name, the length, two zeros, then the last column and row.
+        let ends = place.unwrap() + window.len() + 4 + 8;
+        bytes[ends..ends + 4].copy_from_slice(&1_000_000_000_i32.to_le_bytes());
+        bytes[ends + 4..ends + 8].copy_from_slice(&1_000_000_000_i32.to_le_bytes());
+        for problem in [
+            decode(&bytes).unwrap_err(),
+            decode_channel(&bytes).unwrap_err(),
+        ] {
+            assert!(problem.contains("1000000001 x 1000000001"), "{problem}");
+        }
     }
 
     #[test]
