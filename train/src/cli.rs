@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand};
+use strat_onnx::metadata::Weights;
 
 use crate::config::{BUILT_IN, Config, Preset};
 use crate::device::{self, DeviceChoice};
@@ -98,6 +99,10 @@ struct ExportArgs {
     /// Export the best checkpoint by validation instead of the newest.
     #[arg(long)]
     best: bool,
+    /// Store the weights in half precision: half the size; refused where that changes the output
+    /// by more than the tolerance.
+    #[arg(long)]
+    f16: bool,
 }
 
 /// Why the command ended without its result.
@@ -288,7 +293,8 @@ fn conclude(outcome: &Outcome, options: &Options) -> u8 {
 }
 
 fn export(args: &ExportArgs) -> Result<u8, Stop> {
-    let (path, parity) = run::export_run(&args.run, args.out.as_deref(), args.best)
+    let weights = if args.f16 { Weights::F16 } else { Weights::F32 };
+    let (path, parity) = run::export_run(&args.run, args.out.as_deref(), args.best, weights)
         .with_context(|| format!("exporting the run {}", args.run.display()))?;
     eprintln!(
         "the model differs from the trained network by at most {parity:.1e} of the image width"

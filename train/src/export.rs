@@ -75,8 +75,8 @@ pub enum ExportError {
     Write(#[from] strat_store::Error),
 }
 
-/// Writes `generator` to `path` for images of the size that stands in `metadata`, whose fields
-/// `parity` and `probe` are filled here. Returns the parity: the largest difference between burn
+/// Writes `generator` to `path` for images of the size and with the weights that stand in
+/// `metadata`, whose fields `parity` and `probe` are filled here. Returns the parity: the largest difference between burn
 /// and the embedded runtime, in fractions of the image width.
 ///
 /// # Errors
@@ -175,7 +175,7 @@ fn largest_difference(found: &[f32], expected: &[f32]) -> f64 {
 }
 
 fn model_bytes(generator: &Generator, metadata: &ModelMetadata) -> Result<Vec<u8>, GraphError> {
-    let mut graph = GraphBuilder::new("strat");
+    let mut graph = GraphBuilder::new("strat").with_weights(metadata.weights);
     let (height, width) = (
         metadata.input_height as usize,
         metadata.input_width as usize,
@@ -323,7 +323,7 @@ impl Ops for GraphOps {
 #[cfg(test)]
 mod tests {
     use burn::tensor::Device;
-    use strat_onnx::metadata::{InputRange, OutputMeaning};
+    use strat_onnx::metadata::{InputRange, OutputMeaning, Weights};
 
     use super::*;
     use crate::generator::{Decoder, GeneratorConfig, Head, Shortcut};
@@ -370,6 +370,53 @@ mod tests {
             let difference = probe.max_difference(&outputs[0].2).expect("the size fits");
             assert!(difference < 1e-6, "{name}: {difference:e}");
         }
+    }
+
+    /// Half the bytes, and what half precision costs is within the tolerance and written down; an
+    /// untrained network whose outputs are large and unbounded loses more and is refused.
+    #[test]
+    fn half_precision_halves_the_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let device = Device::flex().autodiff();
+        let unbounded = small(GeneratorConfig::default()).init(5, &device);
+        let path = folder.path().join("refused.onnx");
+        let mut half = metadata();
+        half.weights = Weights::F16;
+        let error = export(&unbounded, &half, &path).expect_err("refused");
+        assert!(matches!(error, ExportError::Parity { .. }), "{error}");
+        assert!(!path.exists());
+
+        let generator = small(GeneratorConfig {
+            head: Head::Sigmoid,
+            ..GeneratorConfig::default()
+        })
+        .init(5, &device);
+        let write = |weights| {
+            let path = folder.path().join(format!("{weights}.onnx"));
+            let mut metadata = metadata();
+            metadata.weights = weights;
+            let parity = export(&generator, &metadata, &path).expect("the export succeeds");
+            let model = strat_onnx::model::read(&path).expect("the file is sound");
+            let kept = model.info.description.metadata.expect("metadata");
+            assert_eq!((kept.weights, kept.parity), (weights, Some(parity)));
+            let session = EmbeddedSession::load(&path, None).expect("the file loads");
+            let outputs = session
+                .run("image", &[1, 3, 64, 128], &probe_image(128, 64))
+                .expect("the model runs");
+            let bytes = std::fs::metadata(&path).expect("a file").len();
+            (bytes, parity, model.info.parameters, outputs[0].2.clone())
+        };
+        let (whole, exact, parameters, plain) = write(Weights::F32);
+        let (half, rounded, of_half, other) = write(Weights::F16);
+        let ratio = half as f64 / whole as f64;
+        assert!((0.5..0.62).contains(&ratio), "{half} of {whole} bytes");
+        assert_eq!(parameters, of_half);
+        assert!(
+            exact < rounded && rounded < TOLERANCE,
+            "{exact:e} {rounded:e}"
+        );
+        let difference = largest_difference(&plain, &other);
+        assert!(difference > 0.0 && difference < TOLERANCE, "{difference:e}");
     }
 
     #[test]

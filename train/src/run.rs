@@ -18,7 +18,7 @@ use std::time::Instant;
 
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
-use strat_onnx::metadata::{InputRange, ModelMetadata, OutputMeaning};
+use strat_onnx::metadata::{InputRange, ModelMetadata, OutputMeaning, Weights};
 use strat_splits::Role;
 use strat_store::files;
 use strat_store::progress::Progress;
@@ -234,7 +234,12 @@ pub fn run(options: &Options) -> Result<Outcome> {
 ///
 /// # Errors
 /// When the folder holds no run, no usable checkpoint, or the model cannot be written.
-pub fn export_run(run: &Path, out: Option<&Path>, best: bool) -> Result<(PathBuf, f64)> {
+pub fn export_run(
+    run: &Path,
+    out: Option<&Path>,
+    best: bool,
+    weights: Weights,
+) -> Result<(PathBuf, f64)> {
     let folder = Folder::new(run.to_path_buf());
     let config: Config = folder.config()?;
     let info = folder.info()?;
@@ -261,7 +266,8 @@ pub fn export_run(run: &Path, out: Option<&Path>, best: bool) -> Result<(PathBuf
         &folder.checkpoints.path(checkpoint.state.step),
     )?;
     let path = out.map_or_else(|| run.join(MODEL), Path::to_path_buf);
-    let parity = export_model(&generator, &config, &info, &checkpoint.state, &path)?;
+    let state = &checkpoint.state;
+    let parity = export_model(&generator, &config, &info, state, weights, &path)?;
     Ok((path, parity))
 }
 
@@ -270,6 +276,7 @@ fn export_model(
     config: &Config,
     info: &RunInfo,
     state: &State,
+    weights: Weights,
     path: &Path,
 ) -> Result<f64> {
     let mut metadata = ModelMetadata::new(
@@ -286,6 +293,7 @@ fn export_model(
     metadata.seed = Some(config.seed);
     metadata.epoch = u32::try_from(state.step / state.steps_per_epoch.max(1)).ok();
     metadata.tool_version = Some(info.tool_version.clone());
+    metadata.weights = weights;
     crate::export::export(generator, &metadata, path)
         .map_err(|error| Error::Export(error.to_string()))
 }
@@ -808,7 +816,7 @@ impl Session<'_> {
         } else {
             let path = self.folder.path(MODEL);
             let generator = networks.generator();
-            let parity = export_model(&generator, config, info, &self.state, &path)?;
+            let parity = export_model(&generator, config, info, &self.state, Weights::F32, &path)?;
             (Some(path), Some(parity))
         };
         Ok(Outcome {

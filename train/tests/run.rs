@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use strat_onnx::metadata::Weights;
 use strat_train::config::{Config, Preset};
 use strat_train::device::DeviceChoice;
 use strat_train::run::{Options, Outcome, export_run, run};
@@ -137,8 +138,13 @@ fn the_photometric_error_falls_and_the_model_is_exported() {
         3
     );
     // The same model comes out of the checkpoint.
-    let (path, _) =
-        export_run(&options.out, Some(&folder.path().join("again.onnx")), false).unwrap();
+    let (path, _) = export_run(
+        &options.out,
+        Some(&folder.path().join("again.onnx")),
+        false,
+        Weights::F32,
+    )
+    .unwrap();
     assert_eq!(
         std::fs::read(path).unwrap(),
         bytes(&options.out, "model.onnx")

@@ -11,11 +11,12 @@
 use std::collections::HashSet;
 use std::fmt;
 
+use half::f16;
 use prost::Message;
 use prost::bytes::Bytes;
 use serde::Serialize;
 
-use crate::metadata::ModelMetadata;
+use crate::metadata::{ModelMetadata, Weights};
 use crate::proto::{
     self, AttributeProto, GraphProto, ModelProto, NodeProto, OperatorSetIdProto, TensorProto,
     TensorShapeProto, TypeProto, ValueInfoProto, attribute_type, data_type, dimension, type_proto,
@@ -208,6 +209,7 @@ pub struct GraphBuilder {
     initializers: Vec<TensorProto>,
     names: HashSet<String>,
     resize_scales: Option<String>,
+    weights: Weights,
 }
 
 impl GraphBuilder {
@@ -223,7 +225,16 @@ impl GraphBuilder {
             initializers: Vec::new(),
             names: HashSet::new(),
             resize_scales: None,
+            weights: Weights::F32,
         }
+    }
+
+    /// Stores the weights of convolutions in this form. Half-precision ones are turned into `f32`
+    /// by a `Cast` node each before they are used, so any runtime computes as before; biases stay.
+    #[must_use]
+    pub fn with_weights(mut self, weights: Weights) -> Self {
+        self.weights = weights;
+        self
     }
 
     /// Inferred dimensions of a value; empty for a value of another builder.
@@ -620,9 +631,13 @@ impl GraphBuilder {
             inputs,
             outputs,
             nodes,
-            initializers,
+            mut initializers,
             ..
         } = self;
+        let casts = match self.weights {
+            Weights::F32 => Vec::new(),
+            Weights::F16 => initializers.iter_mut().filter_map(halve).collect(),
+        };
         let name_of = |value: Value| values[value.0].name.clone();
         let info = |value: &Value| {
             let slot = &values[value.0];
@@ -631,24 +646,26 @@ impl GraphBuilder {
         let graph = GraphProto {
             input: inputs.iter().map(info).collect(),
             output: outputs.iter().map(info).collect(),
-            node: nodes
+            node: casts
                 .into_iter()
-                .map(|node| NodeProto {
-                    input: node
-                        .inputs
-                        .into_iter()
-                        .map(|source| match source {
-                            Source::Value(value) => name_of(value),
-                            Source::Constant(name) => name,
-                            Source::Absent => String::new(),
-                        })
-                        .collect(),
-                    output: vec![name_of(node.output)],
-                    name: Some(node.name),
-                    op_type: Some(node.op.to_owned()),
-                    attribute: node.attributes,
-                    ..NodeProto::default()
-                })
+                .chain(nodes.into_iter().map(|node| {
+                    NodeProto {
+                        input: node
+                            .inputs
+                            .into_iter()
+                            .map(|source| match source {
+                                Source::Value(value) => name_of(value),
+                                Source::Constant(name) => name,
+                                Source::Absent => String::new(),
+                            })
+                            .collect(),
+                        output: vec![name_of(node.output)],
+                        name: Some(node.name),
+                        op_type: Some(node.op.to_owned()),
+                        attribute: node.attributes,
+                        ..NodeProto::default()
+                    }
+                }))
                 .collect(),
             name: Some(name),
             initializer: initializers,
@@ -800,6 +817,33 @@ impl GraphBuilder {
         });
         Ok(name.to_owned())
     }
+}
+
+/// Rounds a filter to half precision under another name and returns the node that gives it back
+/// under its own; nothing for other constants.
+fn halve(tensor: &mut TensorProto) -> Option<NodeProto> {
+    if tensor.data_type != Some(data_type::FLOAT) || tensor.dims.len() < 2 {
+        return None;
+    }
+    let name = tensor.name.clone()?;
+    let raw = tensor.raw_data.as_ref()?;
+    let (numbers, _) = raw.as_chunks::<4>();
+    let halves = numbers
+        .iter()
+        .flat_map(|bytes| f16::from_f32(f32::from_le_bytes(*bytes)).to_le_bytes())
+        .collect::<Vec<u8>>();
+    let stored = format!("{name}.f16");
+    tensor.raw_data = Some(Bytes::from(halves));
+    tensor.data_type = Some(data_type::FLOAT16);
+    tensor.name = Some(stored.clone());
+    Some(NodeProto {
+        input: vec![stored],
+        output: vec![name.clone()],
+        name: Some(format!("{name}.cast")),
+        op_type: Some("Cast".to_owned()),
+        attribute: vec![attribute_int("to", i64::from(data_type::FLOAT))],
+        ..NodeProto::default()
+    })
 }
 
 fn shape_error(layer: &str, problem: String) -> GraphError {

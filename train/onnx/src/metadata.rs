@@ -78,6 +78,28 @@ impl InputRange {
     }
 }
 
+/// How a file stores the weights of its convolutions; everything is computed in `f32`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Weights {
+    /// As they were trained.
+    #[default]
+    F32,
+    /// Rounded to half precision, half the size.
+    F16,
+}
+
+impl Weights {
+    /// The text used in files.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::F32 => "f32",
+            Self::F16 => "f16",
+        }
+    }
+}
+
 macro_rules! text_enum {
     ($name:ident, $what:literal, [$($value:expr),+]) => {
         impl fmt::Display for $name {
@@ -111,6 +133,7 @@ text_enum!(
         OutputMeaning::DepthM
     ]
 );
+text_enum!(Weights, "kind of weights", [Weights::F32, Weights::F16]);
 text_enum!(
     InputRange,
     "input range",
@@ -148,6 +171,9 @@ pub struct ModelMetadata {
     pub epoch: Option<u32>,
     /// Version of the program that wrote the file.
     pub tool_version: Option<String>,
+    /// How the weights are stored.
+    #[serde(default)]
+    pub weights: Weights,
     /// Largest difference on the probe image between the training framework and the written file
     /// run by the embedded runtime, in units of the output.
     pub parity: Option<f64>,
@@ -186,6 +212,7 @@ impl ModelMetadata {
             seed: None,
             epoch: None,
             tool_version: None,
+            weights: Weights::F32,
             parity: None,
             probe: None,
         }
@@ -216,6 +243,11 @@ impl ModelMetadata {
         put("seed", self.seed.map(|seed| seed.to_string()));
         put("epoch", self.epoch.map(|epoch| epoch.to_string()));
         put("tool_version", self.tool_version.clone());
+        // Plain weights have no key, as in files that know of no others.
+        put(
+            "weights",
+            (self.weights != Weights::F32).then(|| self.weights.to_string()),
+        );
         put("parity", self.parity.map(|parity| parity.to_string()));
         if let Some(probe) = &self.probe {
             put("probe.image", Some(PROBE_IMAGE.to_owned()));
@@ -296,6 +328,9 @@ impl ModelMetadata {
             metadata.seed = fields.parse("seed", "a whole number");
             metadata.epoch = fields.parse("epoch", "a whole number");
             metadata.tool_version = fields.text("tool_version");
+            metadata.weights = fields
+                .parse("weights", "a kind of weights")
+                .unwrap_or_default();
             metadata.parity = fields
                 .parse("parity", "a number")
                 .filter(|p: &f64| !p.is_nan());
