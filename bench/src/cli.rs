@@ -817,7 +817,7 @@ fn check_model(
             model.name
         )),
         Leakage::Unknown => session.note(&format!(
-            "note: model {} does not say what it was trained on, so leakage cannot be checked",
+            "note: model {} does not say all that it was trained on, so leakage cannot be checked",
             model.name
         )),
     }

@@ -29,7 +29,7 @@ pub enum Leakage {
         /// Name of the training split.
         trained: String,
     },
-    /// The model says nothing about its training.
+    /// The model says nothing about its training, or not all of it.
     Unknown,
 }
 
@@ -40,12 +40,18 @@ pub fn check(metadata: Option<&ModelMetadata>, tested: Content, samples: &[Sampl
     let Some(metadata) = metadata else {
         return Leakage::Unknown;
     };
+    // A model that grew from other weights has seen what those had seen.
+    let cleared = if metadata.unknown_start.is_some() {
+        Leakage::Unknown
+    } else {
+        Leakage::None
+    };
     if metadata.train_drives.is_empty() {
         return match &metadata.split {
-            Some(trained) if *trained == tested.to_string() => Leakage::None,
+            Some(trained) if *trained == tested.to_string() => cleared,
             // Other collections share no image with KITTI.
             Some(trained) if trained.parse::<Split>().is_ok() && tested.split().is_none() => {
-                Leakage::None
+                cleared
             }
             Some(trained) => Leakage::OtherSplit {
                 trained: trained.clone(),
@@ -60,7 +66,7 @@ pub fn check(metadata: Option<&ModelMetadata>, tested: Content, samples: &[Sampl
         .filter(|drive| trained.contains(drive.as_str()))
         .collect();
     if seen.is_empty() {
-        return Leakage::None;
+        return cleared;
     }
     Leakage::Drives {
         images: seen.len(),
@@ -126,6 +132,17 @@ mod tests {
             check(Some(&metadata), Content::Kitti, &tested),
             Leakage::None
         );
+    }
+
+    #[test]
+    fn a_model_that_began_with_weights_of_unknown_training_is_not_cleared() {
+        let mut metadata = trained_on("eigen", &["2011_09_26_drive_0001"]);
+        metadata.unknown_start = Some("ff00".into());
+        let other = samples(&["2011_09_26_drive_0002/0000000069"]);
+        let check = |samples: &[Sample]| check(Some(&metadata), Content::Eigen, samples);
+        assert_eq!(check(&other), Leakage::Unknown);
+        let own = samples(&["2011_09_26_drive_0001/0000000005"]);
+        assert!(matches!(check(&own), Leakage::Drives { images: 1, .. }));
     }
 
     #[test]

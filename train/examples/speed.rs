@@ -113,7 +113,7 @@ fn layers() {
         TensorOps.upsample(x)
     });
     layer("instance norm 4x64x64x64", [4, 64, 64, 64], |device, x| {
-        InstanceNorm::new(&Initializer::new(0, device), 64).forward(x)
+        InstanceNorm::new(&Initializer::new(0, device), "layer", 64).forward(x)
     });
     layer(
         "sampler of an image 4x128x256",

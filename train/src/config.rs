@@ -7,7 +7,7 @@
 //!
 //! Values come from PROTOCOL 4.4 to 4.6; every one is explained in `configs/kitti-strat.yaml`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
@@ -61,10 +61,23 @@ impl Default for Input {
     }
 }
 
+/// Who judges the two views (PROTOCOL 4.5; the thesis does not say).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Judges {
+    /// One discriminator sees both views.
+    #[default]
+    Shared,
+    /// Each view has a discriminator of its own.
+    PerView,
+}
+
 /// The discriminator and what it sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DiscriminatorSettings {
+    /// One for both views, or one for each.
+    pub judges: Judges,
     /// Multiplier on the filter counts.
     pub width: Width,
     /// Side of the square patches, at most the input's shorter side.
@@ -74,6 +87,7 @@ pub struct DiscriminatorSettings {
 impl Default for DiscriminatorSettings {
     fn default() -> Self {
         Self {
+            judges: Judges::Shared,
             width: Width::FULL,
             patch: PATCH,
         }
@@ -189,6 +203,8 @@ pub struct Config {
     pub baseline_start: f64,
     /// Seed of everything random.
     pub seed: u64,
+    /// Safetensors file of weights to begin with; none = those of the seed.
+    pub start_weights: Option<PathBuf>,
     /// Threads that decode images; 0 = one per core.
     pub workers: usize,
     /// Keep decoded pairs in memory if all of them fit into this many MiB.
@@ -226,6 +242,7 @@ impl Default for Config {
             decay: Decay::Linear,
             baseline_start: 0.1,
             seed: 1,
+            start_weights: None,
             workers: 0,
             cache_mib: 1024,
             input: Input::default(),
@@ -291,7 +308,8 @@ impl Preset {
             Self::Demo => {
                 let demo = Config::built_in("demo")?;
                 config.network.width = demo.network.width;
-                config.discriminator = demo.discriminator;
+                config.discriminator.width = demo.discriminator.width;
+                config.discriminator.patch = demo.discriminator.patch;
                 config.input = demo.input;
                 config.batch = demo.batch;
                 return Ok(());
@@ -300,10 +318,8 @@ impl Preset {
         let fraction =
             Width::new(1, denominator).map_err(|error| Error::Config(error.to_string()))?;
         config.network.width = fraction;
-        config.discriminator = DiscriminatorSettings {
-            width: fraction,
-            patch: PATCH.min(height as usize),
-        };
+        config.discriminator.width = fraction;
+        config.discriminator.patch = PATCH.min(height as usize);
         config.input = Input { width, height };
         config.batch = batch;
         Ok(())

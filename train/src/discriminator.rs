@@ -14,6 +14,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 
 use crate::layers::{Convolution, Initializer, InstanceNorm, Width, leaky_relu, unit_interval};
+use crate::start::{Parameter, StartWeights};
 
 /// Everything that determines the shape of a [`Discriminator`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -29,6 +30,17 @@ const KERNEL: usize = 4;
 const PADDING: usize = 1;
 const DROPOUT: f64 = 0.2;
 
+/// Name of the network that judges both views, or the left one.
+pub const NETWORK: &str = "discriminator";
+/// Name of the network that judges the right view, where each has its own.
+pub const RIGHT_NETWORK: &str = "discriminator-right";
+const LAST: &str = "discriminator.last";
+
+/// Names of the convolution and the normalisation of a stage.
+fn stage_names(index: usize) -> [String; 2] {
+    ["conv", "norm"].map(|part| format!("discriminator.stages.{index}.{part}"))
+}
+
 /// Side of the patches of the thesis.
 pub const PATCH: usize = 256;
 
@@ -38,30 +50,35 @@ pub const SMALLEST_PATCH: usize = 64;
 impl DiscriminatorConfig {
     /// Builds the network with weights that are a function of `seed` and the layer names alone.
     pub fn init(&self, seed: u64, device: &Device) -> Discriminator {
-        let init = Initializer::new(seed, device);
+        self.init_from(seed, None, NETWORK, device)
+    }
+
+    /// The same, with what start weights hold for the network `network` in the place of the seed's.
+    pub fn init_from(
+        &self,
+        seed: u64,
+        start: Option<&StartWeights>,
+        network: &str,
+        device: &Device,
+    ) -> Discriminator {
+        let init = Initializer::new(seed, device).with_start(start, Some(network));
         let mut inputs = 3;
         let stages = FILTERS
             .iter()
             .enumerate()
             .map(|(index, &filters)| {
                 let outputs = self.width.channels(filters);
+                let [conv, norm] = stage_names(index);
+                let channels = [inputs, outputs];
                 let stage = Stage {
-                    conv: Convolution::with_padding(
-                        &init,
-                        &format!("discriminator.stages.{index}.conv"),
-                        [inputs, outputs],
-                        KERNEL,
-                        2,
-                        PADDING,
-                    ),
-                    norm: InstanceNorm::new(&init, outputs),
+                    conv: Convolution::with_padding(&init, &conv, channels, KERNEL, 2, PADDING),
+                    norm: InstanceNorm::new(&init, &norm, outputs),
                 };
                 inputs = outputs;
                 stage
             })
             .collect();
-        let last =
-            Convolution::with_padding(&init, "discriminator.last", [inputs, 1], KERNEL, 1, PADDING);
+        let last = Convolution::with_padding(&init, LAST, [inputs, 1], KERNEL, 1, PADDING);
         Discriminator { stages, last }
     }
 }
@@ -128,6 +145,23 @@ impl Discriminator {
             side = (side + 2 * PADDING).checked_sub(KERNEL)? / 2 + 1;
         }
         (patch >= SMALLEST_PATCH).then(|| side + 2 * PADDING + 1 - KERNEL)
+    }
+
+    /// All weights, biases and affine values, as files hold them for the network `network`
+    /// ([`NETWORK`] or [`RIGHT_NETWORK`]).
+    pub fn parameters(&self, network: &str) -> Vec<Parameter> {
+        let network = Some(network);
+        let stages = self.stages.iter().enumerate();
+        let mut parameters: Vec<Parameter> = stages
+            .flat_map(|(index, stage)| {
+                let [conv, norm] = stage_names(index);
+                let conv = stage.conv.weights().parameters(network, &conv);
+                conv.into_iter()
+                    .chain(stage.norm.parameters(network, &norm))
+            })
+            .collect();
+        parameters.extend(self.last.weights().parameters(network, LAST));
+        parameters
     }
 
     /// Number of weights, biases and affine values.

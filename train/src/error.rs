@@ -123,6 +123,19 @@ pub enum Error {
     #[error("{0}")]
     Device(String),
 
+    /// A step that does not fit into memory, or memory that cannot be measured.
+    #[error("{0}")]
+    Memory(String),
+
+    /// Start weights that do not fit.
+    #[error("{} cannot be used as start weights: {reason}", path.display())]
+    StartWeights {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+
     /// Writing the model failed.
     #[error("the model could not be exported: {0}")]
     Export(String),

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::layers::{
     Convolution, Initializer, LayerWeights, Ops, TensorOps, TransposedConvolution, Width,
 };
+use crate::start::{Parameter, StartWeights};
 
 /// How a decoder stage doubles its input.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -115,7 +116,12 @@ impl GeneratorConfig {
     ///
     /// On an autodiff device the network is ready to be trained.
     pub fn init(&self, seed: u64, device: &Device) -> Generator {
-        let init = Initializer::new(seed, device);
+        self.init_from(seed, None, device)
+    }
+
+    /// The same, with what start weights hold in the place of the seed's.
+    pub fn init_from(&self, seed: u64, start: Option<&StartWeights>, device: &Device) -> Generator {
+        let init = Initializer::new(seed, device).with_start(start, None);
         let width = |channels| self.width.channels(channels);
 
         let mut inputs = width(64);
@@ -184,12 +190,12 @@ impl GeneratorConfig {
             );
             inputs = outputs;
             let head = (number <= SCALES).then(|| {
-                let head =
-                    Convolution::new(&init, &format!("decoder.disp{number}"), [outputs, 2], 3, 1);
-                match self.head {
-                    Head::Relu => head.with_bias(&init, RELU_BIAS),
-                    Head::Sigmoid => head.with_bias(&init, SIGMOID_BIAS),
-                }
+                let name = format!("decoder.disp{number}");
+                let bias = match self.head {
+                    Head::Relu => RELU_BIAS,
+                    Head::Sigmoid => SIGMOID_BIAS,
+                };
+                Convolution::new(&init, &name, [outputs, 2], 3, 1).with_bias(&init, &name, bias)
             });
             DecoderStage { up, merge, head }
         };
@@ -478,6 +484,14 @@ impl Generator {
             );
         }
         layers
+    }
+
+    /// All weights and biases under the names of the exported model.
+    pub fn parameters(&self) -> Vec<Parameter> {
+        let layers = self.layers().into_iter();
+        layers
+            .flat_map(|(name, layer)| layer.weights().parameters(None, &name))
+            .collect()
     }
 
     /// Number of weights and biases.

@@ -24,6 +24,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 
 use crate::kernels::{self, Activation};
+use crate::start::{Parameter, StartWeights};
 
 /// Multiplier on the number of channels of a network, as an exact fraction; `1` is full width.
 ///
@@ -138,17 +139,51 @@ fn greatest_common_divisor(a: u32, b: u32) -> u32 {
     }
 }
 
-/// Source of initial weights: one seed, one independent stream for each layer name.
+/// Source of initial weights: one seed, one independent stream for each layer name. Start weights
+/// take the place of what they hold.
 #[derive(Clone, Debug)]
 pub struct Initializer<'a> {
     seed: u64,
     device: &'a Device,
+    start: Option<Start<'a>>,
+}
+
+/// Start weights and the network that looks for its own in them.
+#[derive(Clone, Copy, Debug)]
+struct Start<'a> {
+    weights: &'a StartWeights,
+    /// Stands in the place of the first part of a layer's name; `None` leaves names as they are.
+    network: Option<&'a str>,
 }
 
 impl<'a> Initializer<'a> {
     /// Weights for `device`, all derived from `seed`.
     pub fn new(seed: u64, device: &'a Device) -> Self {
-        Self { seed, device }
+        Self {
+            seed,
+            device,
+            start: None,
+        }
+    }
+
+    /// The same with start weights, in which the layers of a network named `network` are looked for
+    /// (`discriminator-right.last` for the layer `discriminator.last`).
+    #[must_use]
+    pub fn with_start(
+        mut self,
+        weights: Option<&'a StartWeights>,
+        network: Option<&'a str>,
+    ) -> Self {
+        self.start = weights.map(|weights| Start { weights, network });
+        self
+    }
+
+    /// Values for the part `part` (weight, bias) of the layer `name`, if there are start weights.
+    fn started(&self, name: &str, part: &str, shape: &[usize]) -> Option<Vec<f32>> {
+        let start = self.start?;
+        start
+            .weights
+            .values(&parameter_name(start.network, name, part), shape)
     }
 
     /// Uniform values in `-limit..limit` from the stream of `name`.
@@ -158,16 +193,20 @@ impl<'a> Initializer<'a> {
         shape: [usize; D],
         limit: f64,
     ) -> Param<Tensor<D>> {
-        let mut stream = ChaCha8Rng::seed_from_u64(self.seed);
-        stream.set_stream(stream_of(name));
-        let values: Vec<f32> = (0..shape.iter().product())
-            .map(|_| ((2.0 * unit_interval(&mut stream) - 1.0) * limit) as f32)
-            .collect();
+        let values = self.started(name, WEIGHT, &shape).unwrap_or_else(|| {
+            let mut stream = ChaCha8Rng::seed_from_u64(self.seed);
+            stream.set_stream(stream_of(name));
+            (0..shape.iter().product())
+                .map(|_| ((2.0 * unit_interval(&mut stream) - 1.0) * limit) as f32)
+                .collect()
+        });
         self.values(values, shape)
     }
 
-    fn full<const D: usize>(&self, shape: [usize; D], value: f32) -> Param<Tensor<D>> {
-        self.values(vec![value; shape.iter().product()], shape)
+    /// One value everywhere, for the part `part` of the layer `name`.
+    fn full(&self, name: &str, part: &str, count: usize, value: f32) -> Param<Tensor<1>> {
+        let values = self.started(name, part, &[count]);
+        self.values(values.unwrap_or_else(|| vec![value; count]), [count])
     }
 
     /// The tensor exists from the start: a lazily filled parameter would lose its gradient flag
@@ -192,6 +231,18 @@ fn stream_of(name: &str) -> u64 {
     })
 }
 
+/// Parts of a layer as files name them.
+const WEIGHT: &str = "weight";
+const BIAS: &str = "bias";
+
+/// The name under which files hold a part of a layer of the network `network`.
+fn parameter_name(network: Option<&str>, layer: &str, part: &str) -> String {
+    match (network, layer.split_once('.')) {
+        (Some(network), Some((_, rest))) => format!("{network}.{rest}.{part}"),
+        _ => format!("{layer}.{part}"),
+    }
+}
+
 /// Weights of one layer in the order ONNX expects.
 #[derive(Clone, Debug)]
 pub struct LayerWeights {
@@ -201,6 +252,25 @@ pub struct LayerWeights {
     pub weight: Vec<f32>,
     /// One value per output channel.
     pub bias: Vec<f32>,
+}
+
+impl LayerWeights {
+    /// The two parts as files hold them, for a layer `name` of the network `network` (see
+    /// [`Initializer::with_start`]).
+    pub(crate) fn parameters(self, network: Option<&str>, name: &str) -> [Parameter; 2] {
+        [
+            Parameter {
+                name: parameter_name(network, name, WEIGHT),
+                shape: self.weight_shape.to_vec(),
+                values: self.weight,
+            },
+            Parameter {
+                name: parameter_name(network, name, BIAS),
+                shape: vec![self.bias.len()],
+                values: self.bias,
+            },
+        ]
+    }
 }
 
 /// Square convolution with zero padding of (k - 1) / 2, bias, no activation (PROTOCOL 4.1).
@@ -247,16 +317,17 @@ impl Convolution {
         let limit = glorot_limit(inputs, outputs, kernel);
         Self {
             weight: init.uniform(name, [outputs, inputs, kernel, kernel], limit),
-            bias: init.full([outputs], 0.0),
+            bias: init.full(name, BIAS, outputs, 0.0),
             stride,
             padding,
         }
     }
 
-    /// Sets every bias to `value`, for heads that must not start at zero.
+    /// Sets every bias to `value`, for heads that must not start at zero. `name` as in [`Self::new`].
     #[must_use]
-    pub fn with_bias(mut self, init: &Initializer, value: f32) -> Self {
-        self.bias = init.full(self.bias.val().dims(), value);
+    pub fn with_bias(mut self, init: &Initializer, name: &str, value: f32) -> Self {
+        let [outputs] = self.bias.val().dims();
+        self.bias = init.full(name, BIAS, outputs, value);
         self
     }
 
@@ -335,7 +406,7 @@ impl TransposedConvolution {
         let limit = glorot_limit(inputs, outputs, Self::KERNEL);
         Self {
             weight: init.uniform(name, [inputs, outputs, Self::KERNEL, Self::KERNEL], limit),
-            bias: init.full([outputs], 0.0),
+            bias: init.full(name, BIAS, outputs, 0.0),
         }
     }
 
@@ -388,12 +459,24 @@ pub struct InstanceNorm {
 impl InstanceNorm {
     const EPSILON: f64 = 1e-5;
 
-    /// Normalisation of `channels` channels.
-    pub fn new(init: &Initializer, channels: usize) -> Self {
+    /// Normalisation of `channels` channels, named `name`.
+    pub fn new(init: &Initializer, name: &str, channels: usize) -> Self {
         Self {
-            scale: init.full([channels], 1.0),
-            shift: init.full([channels], 0.0),
+            scale: init.full(name, WEIGHT, channels, 1.0),
+            shift: init.full(name, BIAS, channels, 0.0),
         }
+    }
+
+    /// Scale and shift as files hold them (see [`Initializer::with_start`]).
+    pub(crate) fn parameters(&self, network: Option<&str>, name: &str) -> [Parameter; 2] {
+        [(WEIGHT, &self.scale), (BIAS, &self.shift)].map(|(part, values)| {
+            let values = values_of(values.val());
+            Parameter {
+                name: parameter_name(network, name, part),
+                shape: vec![values.len()],
+                values,
+            }
+        })
     }
 
     /// `[n, c, h, w]`, shape unchanged. The variance is the biased one.
@@ -647,7 +730,7 @@ mod tests {
     #[test]
     fn instance_norm_gives_mean_zero_and_variance_one() {
         let device = Device::flex();
-        let norm = InstanceNorm::new(&Initializer::new(0, &device), 2);
+        let norm = InstanceNorm::new(&Initializer::new(0, &device), "norm", 2);
         let x = Tensor::<4>::from_data(
             [[[[1.0, 3.0], [1.0, 3.0]], [[10.0, 10.0], [10.0, 50.0]]]],
             &device,

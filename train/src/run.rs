@@ -30,6 +30,8 @@ use crate::data::{BatchPlan, Loader, Pairs};
 use crate::device::DeviceChoice;
 use crate::error::{Error, Result};
 use crate::generator::Generator;
+use crate::memory::{self, Need};
+use crate::start::{self, StartWeights};
 use crate::step::{Networks, StepReport};
 use crate::tensorboard::EventWriter;
 use crate::validation::{Scores, Validation};
@@ -62,16 +64,30 @@ pub struct Options {
     pub data: PathBuf,
     /// Run folder.
     pub out: PathBuf,
-    /// Where the networks run.
+    /// Where the networks are.
     pub device: DeviceChoice,
+    /// Further devices that share the batches of a step.
+    pub helpers: Vec<DeviceChoice>,
     /// Continue the run in the folder.
     pub resume: bool,
     /// Replace the run in the folder.
     pub force: bool,
     /// Show no progress.
     pub quiet: bool,
+    /// Begin although the memory is predicted not to suffice.
+    pub ignore_memory: bool,
     /// Set to true to stop after the current step.
     pub stop: Arc<AtomicBool>,
+}
+
+impl Options {
+    /// All devices, as `--device` names them.
+    #[must_use]
+    pub fn device_names(&self) -> String {
+        let devices = std::iter::once(&self.device).chain(&self.helpers);
+        let names: Vec<String> = devices.map(ToString::to_string).collect();
+        names.join(",")
+    }
 }
 
 /// How a run ended.
@@ -122,8 +138,14 @@ pub struct RunInfo {
     pub kernel: String,
     /// Training pairs.
     pub train_pairs: usize,
-    /// Drives that the training pairs come from.
+    /// Drives that the training pairs come from, and those of the start weights.
     pub train_drives: Vec<String>,
+    /// BLAKE3 of the start weights, if there were any.
+    #[serde(default)]
+    pub start_weights: Option<String>,
+    /// Whether there were start weights that do not say what they were trained on.
+    #[serde(default)]
+    pub unknown_start: bool,
     /// Trained values of the generator.
     pub generator_parameters: usize,
     /// Trained values of the discriminator.
@@ -155,6 +177,8 @@ pub fn run(options: &Options) -> Result<Outcome> {
         config.cache_mib,
     )?;
     let device = options.device.open()?;
+    let helpers = options.helpers.iter().map(|choice| choice.open());
+    let helpers = helpers.collect::<Result<Vec<_>>>()?;
 
     let config_digest = config.digest()?;
     let data_digest = set.manifest.data_digest.clone();
@@ -167,31 +191,44 @@ pub fn run(options: &Options) -> Result<Outcome> {
     } else {
         None
     };
-    let networks = match &resumed {
-        Some(checkpoint) => Networks::from_checkpoint(
-            config,
-            &device,
-            checkpoint,
-            &folder.checkpoints.path(checkpoint.state.step),
-        )?,
-        None => Networks::new(config, &device),
+    let (networks, origin) = match &resumed {
+        Some(checkpoint) => {
+            let path = folder.checkpoints.path(checkpoint.state.step);
+            let networks = Networks::from_checkpoint(config, &device, checkpoint, &path)?;
+            let before = folder.info()?;
+            let origin = Origin {
+                drives: before.train_drives,
+                start_weights: before.start_weights,
+                unknown_start: before.unknown_start,
+            };
+            (networks, origin)
+        }
+        None => begin(config, &pairs, &device, &talk)?,
     };
+    let networks = networks.with_helpers(&helpers);
     let (generator_parameters, discriminator_parameters) = networks.parameters();
     let info = RunInfo {
         format: 1,
         tool_version: env!("CARGO_PKG_VERSION").to_owned(),
         framework: "burn 0.22.1".to_owned(),
-        device: options.device.to_string(),
+        device: options.device_names(),
         config_digest: config_digest.clone(),
         data_digest: data_digest.clone(),
         split_digest: set.manifest.split_digest.clone(),
         source: set.manifest.source.clone(),
         kernel: set.manifest.kernel.to_string(),
         train_pairs: pairs.len(),
-        train_drives: pairs.drives(),
+        train_drives: origin.drives,
+        start_weights: origin.start_weights,
+        unknown_start: origin.unknown_start,
         generator_parameters,
         discriminator_parameters,
     };
+    if options.device == DeviceChoice::Cpu && !options.ignore_memory {
+        // The weights are there already.
+        let free = memory::free() + 4.0 * (generator_parameters + discriminator_parameters) as f64;
+        Need::predict(config, &networks).check(config, free)?;
+    }
     folder.prepare(config, &info, resumed.is_some())?;
     let validation = Validation::open(&set, config)?;
     if let Some(validation) = &validation {
@@ -227,10 +264,63 @@ pub fn run(options: &Options) -> Result<Outcome> {
     session.train(networks, pairs, &info)
 }
 
-/// Writes the model of a finished or interrupted run from its newest (or best) checkpoint.
-///
-/// Returns the file and the parity: the largest difference between the trained network and
-/// the file, in fractions of the image width.
+/// Where the weights of a run come from.
+struct Origin {
+    drives: Vec<String>,
+    start_weights: Option<String>,
+    unknown_start: bool,
+}
+
+/// Networks before their first step.
+fn begin(
+    config: &Config,
+    pairs: &Pairs,
+    device: &Device,
+    talk: &Talk,
+) -> Result<(Networks, Origin)> {
+    let start = config.start_weights.as_deref().map(StartWeights::read);
+    let start = start.transpose()?;
+    let networks = Networks::new(config, start.as_ref(), device);
+    let mut drives = pairs.drives();
+    if let Some(start) = &start {
+        talk.say(&start.check(&networks.all_parameters())?);
+        match start.drives() {
+            Some(names) => drives.extend(names.iter().cloned()),
+            None => talk.say(
+                "warning: the start weights do not say what they were trained on; bench will not \
+                 be able to check the model for leakage",
+            ),
+        }
+        drives.sort();
+        drives.dedup();
+    }
+    let origin = Origin {
+        drives,
+        start_weights: start.as_ref().map(|start| start.digest().to_owned()),
+        unknown_start: start.is_some_and(|start| start.drives().is_none()),
+    };
+    Ok((networks, origin))
+}
+
+/// Whether [`export_run`] writes weights instead of a model to this file.
+#[must_use]
+pub fn is_weights_file(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|ending| ending == "safetensors")
+}
+
+/// What [`export_run`] has written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Exported {
+    /// The file.
+    pub path: PathBuf,
+    /// Largest difference between the trained network and the file, in fractions of the image
+    /// width; none for weights, which are written as they are.
+    pub parity: Option<f64>,
+}
+
+/// Writes the model of a finished or interrupted run from its newest (or best) checkpoint: ONNX, or
+/// the weights of all its networks where `out` ends in `.safetensors`.
 ///
 /// # Errors
 /// When the folder holds no run, no usable checkpoint, or the model cannot be written.
@@ -239,7 +329,7 @@ pub fn export_run(
     out: Option<&Path>,
     best: bool,
     weights: Weights,
-) -> Result<(PathBuf, f64)> {
+) -> Result<Exported> {
     let folder = Folder::new(run.to_path_buf());
     let config: Config = folder.config()?;
     let info = folder.info()?;
@@ -259,16 +349,22 @@ pub fn export_run(
         }
     };
     let device = DeviceChoice::Cpu.open()?;
-    let generator = Networks::generator_from_checkpoint(
-        &config,
-        &device,
-        &checkpoint,
-        &folder.checkpoints.path(checkpoint.state.step),
-    )?;
+    let place = folder.checkpoints.path(checkpoint.state.step);
+    let networks = Networks::from_checkpoint(&config, &device, &checkpoint, &place)?;
     let path = out.map_or_else(|| run.join(MODEL), Path::to_path_buf);
+    if is_weights_file(&path) {
+        // Without the list of drives the file says that its training is unknown, as it is.
+        let drives = (!info.unknown_start).then_some(info.train_drives.as_slice());
+        start::write(&networks.all_parameters(), drives, &path)?;
+        return Ok(Exported { path, parity: None });
+    }
     let state = &checkpoint.state;
+    let generator = networks.generator();
     let parity = export_model(&generator, &config, &info, state, weights, &path)?;
-    Ok((path, parity))
+    Ok(Exported {
+        path,
+        parity: Some(parity),
+    })
 }
 
 fn export_model(
@@ -289,6 +385,7 @@ fn export_model(
     metadata.train_data_digest = Some(info.data_digest.clone());
     metadata.split = Some(config.split.to_string());
     metadata.train_drives = info.train_drives.clone();
+    metadata.unknown_start = info.start_weights.clone().filter(|_| info.unknown_start);
     metadata.variant = Some(variant_name(config).to_owned());
     metadata.seed = Some(config.seed);
     metadata.epoch = u32::try_from(state.step / state.steps_per_epoch.max(1)).ok();
@@ -438,8 +535,10 @@ impl Folder {
                 info.data_digest
             ));
         }
-        if info.config_digest != config_digest {
-            let (before, now) = (self.config()?.to_yaml()?, config.to_yaml()?);
+        // The run may be older than some setting: then its digest lacks that setting's default.
+        let own = self.config()?;
+        if info.config_digest != config_digest && own.digest()? != config_digest {
+            let (before, now) = (own.to_yaml()?, config.to_yaml()?);
             let changed: Vec<String> = before
                 .lines()
                 .zip(now.lines())

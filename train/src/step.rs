@@ -21,9 +21,9 @@ use burn::store::{ModuleRecord, RecordError};
 use burn::tensor::{Bytes, Device, Tensor, TensorData};
 
 use crate::checkpoint::Checkpoint;
-use crate::config::Config;
+use crate::config::{Config, Judges};
 use crate::data::Batch;
-use crate::discriminator::{ColourFactors, Discriminator, Patches};
+use crate::discriminator::{ColourFactors, Discriminator, NETWORK, Patches, RIGHT_NETWORK};
 use crate::error::{Error, Result};
 use crate::generator::Generator;
 use crate::losses::{
@@ -32,11 +32,19 @@ use crate::losses::{
 };
 use crate::random::{Draws, Purpose};
 use crate::schedule::{baseline_fraction, learning_rate};
+use crate::start::{Parameter, StartWeights};
 
 const GENERATOR: &str = "generator.bpk";
 const GENERATOR_OPTIMIZER: &str = "generator-optimizer.bpk";
-const DISCRIMINATOR: &str = "discriminator.bpk";
-const DISCRIMINATOR_OPTIMIZER: &str = "discriminator-optimizer.bpk";
+/// Weights and optimizer state of the discriminator (of the left view, where each has its own), and
+/// of the right view's.
+const DISCRIMINATORS: [[&str; 2]; 2] = [
+    ["discriminator.bpk", "discriminator-optimizer.bpk"],
+    [
+        "discriminator-right.bpk",
+        "discriminator-right-optimizer.bpk",
+    ],
+];
 
 /// What a step did, as numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -64,6 +72,16 @@ pub struct StepReport {
 }
 
 impl StepReport {
+    /// Adds what one batch contributes.
+    fn add(&mut self, part: &Self) {
+        add(&mut self.terms, &part.terms, 1.0);
+        self.adversarial += part.adversarial;
+        self.discriminator += part.discriminator;
+        self.total += part.total;
+        self.disparity_mean += part.disparity_mean;
+        self.disparity_spread += part.disparity_spread;
+    }
+
     /// The first term that is not a finite number.
     fn check(&self) -> Result<()> {
         let terms = &self.terms;
@@ -93,18 +111,20 @@ impl StepReport {
     }
 }
 
-/// The discriminator with its optimizer.
+/// A discriminator with its optimizer.
 struct Adversary {
     network: Discriminator,
     optimizer: ModuleOptimizer,
 }
 
-/// Both networks with their optimizers.
+/// All networks with their optimizers.
 pub struct Networks {
     generator: Generator,
     optimizer: ModuleOptimizer,
-    adversary: Option<Adversary>,
-    device: Device,
+    /// None without an adversarial term, one that judges both views, or one for each (left, right).
+    adversaries: Vec<Adversary>,
+    /// Where batches run; the networks and their optimizers live on the first.
+    devices: Vec<Device>,
 }
 
 fn adam() -> ModuleOptimizer {
@@ -133,26 +153,47 @@ pub(crate) fn images(
 }
 
 impl Networks {
-    /// New networks with the weights that the seed gives.
+    /// New networks with the weights that the seed gives, or those of `start` where it has them.
     ///
-    /// `device` is a plain device; the networks live on its autodiff side.
+    /// `device` is a plain device; the networks live on its autodiff side. Whether all of `start`
+    /// found its place is for [`StartWeights::check`] to say, with [`Self::all_parameters`].
     #[must_use]
-    pub fn new(config: &Config, device: &Device) -> Self {
+    pub fn new(config: &Config, start: Option<&StartWeights>, device: &Device) -> Self {
         let device = device.clone().autodiff();
-        let seed = |purpose| Draws::new(config.seed, purpose, 0, 0).integer();
-        let adversary = config.variant.is_adversarial().then(|| Adversary {
-            network: config
-                .discriminator
-                .network()
-                .init(seed(Purpose::Discriminator), &device),
-            optimizer: adam(),
-        });
+        let seed = |purpose, index| Draws::new(config.seed, purpose, 0, index).integer();
+        let names: &[&str] = match (config.variant.is_adversarial(), config.discriminator.judges) {
+            (false, _) => &[],
+            (true, Judges::Shared) => &[NETWORK],
+            (true, Judges::PerView) => &[NETWORK, RIGHT_NETWORK],
+        };
+        let adversaries = (0..)
+            .zip(names)
+            .map(|(index, name)| {
+                let seed = seed(Purpose::Discriminator, index);
+                let network = config.discriminator.network();
+                Adversary {
+                    network: network.init_from(seed, start, name, &device),
+                    optimizer: adam(),
+                }
+            })
+            .collect();
+        let own_seed = seed(Purpose::Generator, 0);
         Self {
-            generator: config.network.init(seed(Purpose::Generator), &device),
+            generator: config.network.init_from(own_seed, start, &device),
             optimizer: adam(),
-            adversary,
-            device,
+            adversaries,
+            devices: vec![device],
         }
+    }
+
+    /// The same with more devices that share the batches of a step: the first batch runs where the
+    /// networks are, the next on the next device, and so on. Each gets a copy of the weights before
+    /// a step; gradients are averaged on the first. On equal devices the result is that of one.
+    #[must_use]
+    pub fn with_helpers(mut self, devices: &[Device]) -> Self {
+        let helpers = devices.iter().map(|device| device.clone().autodiff());
+        self.devices.extend(helpers);
+        self
     }
 
     /// The generator, for evaluation and export: no gradients, on the plain device.
@@ -161,22 +202,30 @@ impl Networks {
         self.generator.valid()
     }
 
-    /// The discriminator without gradients and dropout, to look at what it thinks.
+    /// The discriminator that judges right views, without gradients and dropout, to look at what
+    /// it thinks.
     #[must_use]
     pub fn discriminator(&self) -> Option<Discriminator> {
-        self.adversary
-            .as_ref()
+        self.adversaries
+            .last()
             .map(|adversary| adversary.network.valid())
     }
 
-    /// Number of trained values: generator, discriminator.
+    /// Number of trained values: generator, all discriminators together.
     #[must_use]
     pub fn parameters(&self) -> (usize, usize) {
-        let adversary = self.adversary.as_ref();
-        (
-            self.generator.num_params(),
-            adversary.map_or(0, |adversary| adversary.network.num_params()),
-        )
+        let counts = self.adversaries.iter().map(|a| a.network.num_params());
+        (self.generator.num_params(), counts.sum())
+    }
+
+    /// Every weight of every network, under the names that files use.
+    #[must_use]
+    pub fn all_parameters(&self) -> Vec<Parameter> {
+        let mut parameters = self.generator.parameters();
+        for (adversary, name) in self.adversaries.iter().zip([NETWORK, RIGHT_NETWORK]) {
+            parameters.extend(adversary.network.parameters(name));
+        }
+        parameters
     }
 
     /// Takes one optimizer step (0-based over the run) on its batches.
@@ -208,69 +257,46 @@ impl Networks {
             baseline,
             ..StepReport::default()
         };
-        let parts = batches.len();
-        let share = 1.0 / parts as f64;
+        let pass = Pass {
+            config,
+            weights,
+            step,
+            baseline,
+            share: 1.0 / batches.len() as f64,
+        };
+        let discriminator_rate = rate(config.discriminator_rate());
         let mut own = GradientsAccumulator::<Generator>::new();
-        let mut other = GradientsAccumulator::<Discriminator>::new();
-
-        for (part, batch) in batches.into_iter().enumerate() {
-            let samples = batch.samples;
-            let left = images(batch.left, samples, config, &self.device);
-            let right = images(batch.right, samples, config, &self.device);
-            let disparities = self.generator.forward(left.clone());
-            self.describe(&mut report, &disparities[0], share);
-            let terms = stereo_losses(left.clone(), right.clone(), &disparities, weights);
-            let mut total = terms.total.clone();
-
-            let mut adversarial = None;
-            if let Some(adversary) = &mut self.adversary {
-                let (right_fake, left_fake) = synthesize(
-                    left.clone(),
-                    right.clone(),
-                    disparities[0].clone(),
-                    baseline,
-                );
-                let fakes = Tensor::cat(vec![left_fake, right_fake], 0);
-                let reals = Tensor::cat(vec![left, right], 0);
-                let look =
-                    |pass: u64| Look::draw(config, step, 2 * part as u64 + pass, 2 * samples);
-
-                let looked = look(0);
-                let loss = looked.judge(&adversary.network, reals, fakes.clone().detach());
-                report.discriminator += share * scalar(&loss);
-                let gradients =
-                    GradientsParams::from_grads((loss * share).backward(), &adversary.network);
-                other.accumulate(&adversary.network, gradients);
-                if parts == 1 {
-                    adversary.step(rate(config.discriminator_rate()), &mut other);
+        match <[Batch; 1]>::try_from(batches) {
+            Ok([batch]) => {
+                let judges = self.judges();
+                let adversaries = &mut self.adversaries;
+                let learned = |index: usize, gradients| {
+                    adversaries[index].step(discriminator_rate, gradients);
+                    adversaries[index].network.clone()
+                };
+                let part = pass.run(&self.generator, judges, &self.devices[0], 0, batch, learned);
+                report.add(&part.report);
+                own.accumulate(&self.generator, part.gradients);
+                report.check()?;
+            }
+            Err(batches) => {
+                let mut others: Vec<_> = (0..self.adversaries.len())
+                    .map(|_| GradientsAccumulator::<Discriminator>::new())
+                    .collect();
+                // Added in the order of the batches, so that the number of devices changes no sum.
+                self.parts(&pass, batches, |part| {
+                    report.add(&part.report);
+                    own.accumulate(&self.generator, part.gradients);
+                    let judged = self.adversaries.iter().zip(&mut others);
+                    for ((adversary, other), gradients) in judged.zip(part.judges) {
+                        other.accumulate(&adversary.network, gradients);
+                    }
+                });
+                report.check()?;
+                for (adversary, other) in self.adversaries.iter_mut().zip(&mut others) {
+                    adversary.step(discriminator_rate, other.grads());
                 }
-
-                let still = adversary.network.clone().no_grad();
-                let looked = look(1);
-                let logits = still.forward_seeded(
-                    looked.patches.cut(fakes, &looked.fake_colour),
-                    looked.dropout,
-                );
-                // Both views have as many logits, so the sum of their means is twice the mean.
-                let term = generator_adversarial(logits) * 2.0;
-                total = total + term.clone() * weights.adversarial;
-                adversarial = Some(term);
             }
-
-            if let Some(term) = &adversarial {
-                report.adversarial += share * scalar(term);
-            }
-            report.total += share * scalar(&total);
-            add(&mut report.terms, &terms.values(), share);
-            let gradients =
-                GradientsParams::from_grads((total * share).backward(), &self.generator);
-            own.accumulate(&self.generator, gradients);
-        }
-        report.check()?;
-        if parts > 1
-            && let Some(adversary) = &mut self.adversary
-        {
-            adversary.step(rate(config.discriminator_rate()), &mut other);
         }
         self.generator =
             self.optimizer
@@ -278,17 +304,64 @@ impl Networks {
         Ok(report)
     }
 
-    /// Adds the mean disparity and its spread within the maps to the report.
-    fn describe(&self, report: &mut StepReport, disparity: &Tensor<4>, share: f64) {
-        // Without gradients: these numbers are looked at, never learned from.
-        let maps = disparity.clone().inner();
-        let [samples, views, height, width] = maps.dims();
-        let flat: Tensor<2> = maps.reshape([samples * views, height * width]);
-        let mean = flat.clone().mean_dim(1);
-        let centred = flat - mean.clone();
-        let spread = (centred.clone() * centred).mean_dim(1).sqrt();
-        report.disparity_mean += share * scalar(&mean.mean());
-        report.disparity_spread += share * scalar(&spread.mean());
+    fn judges(&self) -> Vec<Discriminator> {
+        self.adversaries.iter().map(|a| a.network.clone()).collect()
+    }
+
+    /// Runs batches that share a step, as many at a time as there are devices, and hands over what
+    /// each gave in the order of the batches, its gradients on the first device.
+    fn parts(&self, pass: &Pass, batches: Vec<Batch>, mut take: impl FnMut(Part)) {
+        let home = &self.devices[0];
+        // The other devices get the weights anew for every step: only the first has optimizers.
+        let replicas: Vec<_> = self
+            .devices
+            .iter()
+            .enumerate()
+            .map(|(index, device)| {
+                let (generator, judges) = (self.generator.clone(), self.judges());
+                if index == 0 {
+                    return (generator, judges);
+                }
+                let judges = judges.into_iter().map(|network| network.fork(device));
+                (generator.fork(device), judges.collect())
+            })
+            .collect();
+        let mut numbered = batches.into_iter().enumerate();
+        loop {
+            let round: Vec<_> = numbered.by_ref().take(self.devices.len()).collect();
+            if round.is_empty() {
+                break;
+            }
+            let work = round.into_iter().zip(&replicas).zip(&self.devices);
+            let run = |(((index, batch), (generator, judges)), device): (
+                ((usize, Batch), &(Generator, Vec<Discriminator>)),
+                &Device,
+            )| {
+                let mut gradients_of_judges = Vec::new();
+                let learned = |judge: usize, gradients: GradientsParams| {
+                    gradients_of_judges
+                        .push(gradients.to_device(&home.clone().inner(), &judges[judge]));
+                    judges[judge].clone()
+                };
+                let mut part = pass.run(generator, judges.clone(), device, index, batch, learned);
+                part.gradients = part.gradients.to_device(&home.clone().inner(), generator);
+                part.judges = gradients_of_judges;
+                part
+            };
+            if self.devices.len() == 1 {
+                work.map(run).for_each(&mut take);
+            } else {
+                let done: Vec<Part> = std::thread::scope(|scope| {
+                    let threads: Vec<_> = work.map(|item| scope.spawn(move || run(item))).collect();
+                    let joined = threads.into_iter().map(|thread| match thread.join() {
+                        Ok(part) => part,
+                        Err(panic) => std::panic::resume_unwind(panic),
+                    });
+                    joined.collect()
+                });
+                done.into_iter().for_each(&mut take);
+            }
+        }
     }
 
     /// The weights and optimizer states as files of a checkpoint.
@@ -305,11 +378,13 @@ impl Networks {
             GENERATOR_OPTIMIZER,
             self.optimizer.to_record().into_bytes().map_err(wrong)?,
         );
-        if let Some(adversary) = &self.adversary {
+        for (adversary, [network_name, optimizer_name]) in
+            self.adversaries.iter().zip(DISCRIMINATORS)
+        {
             let network = adversary.network.clone().into_record().into_bytes();
-            put(DISCRIMINATOR, network.map_err(wrong)?);
+            put(network_name, network.map_err(wrong)?);
             let optimizer = adversary.optimizer.to_record().into_bytes();
-            put(DISCRIMINATOR_OPTIMIZER, optimizer.map_err(wrong)?);
+            put(optimizer_name, optimizer.map_err(wrong)?);
         }
         Ok(parts)
     }
@@ -348,43 +423,134 @@ impl Networks {
                 )
             })
         };
-        let mut networks = Self::new(config, device);
+        let mut networks = Self::new(config, None, device);
         networks.generator = networks
             .generator
             .try_load_record(module(GENERATOR)?)
             .map_err(|error| wrong(GENERATOR, error))?;
         networks.optimizer = optimizer(GENERATOR_OPTIMIZER)?;
-        if let Some(adversary) = networks.adversary {
-            networks.adversary = Some(Adversary {
-                network: adversary
-                    .network
-                    .try_load_record(module(DISCRIMINATOR)?)
-                    .map_err(|error| wrong(DISCRIMINATOR, error))?,
-                optimizer: optimizer(DISCRIMINATOR_OPTIMIZER)?,
-            });
+        for (adversary, [network_name, optimizer_name]) in
+            networks.adversaries.iter_mut().zip(DISCRIMINATORS)
+        {
+            adversary.network = adversary
+                .network
+                .clone()
+                .try_load_record(module(network_name)?)
+                .map_err(|error| wrong(network_name, error))?;
+            adversary.optimizer = optimizer(optimizer_name)?;
         }
         Ok(networks)
-    }
-
-    /// The generator of a checkpoint alone, for export.
-    ///
-    /// # Errors
-    /// As [`Self::from_checkpoint`].
-    pub fn generator_from_checkpoint(
-        config: &Config,
-        device: &Device,
-        checkpoint: &Checkpoint,
-        folder: &Path,
-    ) -> Result<Generator> {
-        Ok(Self::from_checkpoint(config, device, checkpoint, folder)?.generator())
     }
 }
 
 impl Adversary {
-    fn step(&mut self, rate: f64, gradients: &mut GradientsAccumulator<Discriminator>) {
-        self.network = self
-            .optimizer
-            .step(rate, self.network.clone(), gradients.grads());
+    fn step(&mut self, rate: f64, gradients: GradientsParams) {
+        self.network = self.optimizer.step(rate, self.network.clone(), gradients);
+    }
+}
+
+/// What all batches of a step have in common.
+#[derive(Clone, Copy)]
+struct Pass<'a> {
+    config: &'a Config,
+    weights: &'a Weights,
+    step: u64,
+    baseline: f64,
+    /// Part of one batch in the averages of the step.
+    share: f64,
+}
+
+/// What one batch contributes to a step, weighted by its share.
+struct Part {
+    gradients: GradientsParams,
+    judges: Vec<GradientsParams>,
+    report: StepReport,
+}
+
+impl Pass<'_> {
+    /// Forward and backward passes of one batch, the `index`-th of its step.
+    ///
+    /// `learned` gets the gradients of each judge and returns the network that judges the
+    /// generator: the same, or the one that has taken its step.
+    fn run(
+        &self,
+        generator: &Generator,
+        judges: Vec<Discriminator>,
+        device: &Device,
+        index: usize,
+        batch: Batch,
+        mut learned: impl FnMut(usize, GradientsParams) -> Discriminator,
+    ) -> Part {
+        let (config, share) = (self.config, self.share);
+        let mut report = StepReport::default();
+        let samples = batch.samples;
+        let left = images(batch.left, samples, config, device);
+        let right = images(batch.right, samples, config, device);
+        let disparities = generator.forward(left.clone());
+        self.describe(&mut report, &disparities[0]);
+        let terms = stereo_losses(left.clone(), right.clone(), &disparities, self.weights);
+        let mut total = terms.total.clone();
+
+        if !judges.is_empty() {
+            let (right_fake, left_fake) = synthesize(
+                left.clone(),
+                right.clone(),
+                disparities[0].clone(),
+                self.baseline,
+            );
+            let shown = if judges.len() == 1 {
+                vec![(
+                    Tensor::cat(vec![left, right], 0),
+                    Tensor::cat(vec![left_fake, right_fake], 0),
+                )]
+            } else {
+                vec![(left, left_fake), (right, right_fake)]
+            };
+            let count = judges.len() as f64;
+            for (number, (judge, (reals, fakes))) in judges.into_iter().zip(shown).enumerate() {
+                let [samples, ..] = reals.dims();
+                let look = |pass: u64| {
+                    let pass = 2 * index as u64 + pass;
+                    Look::draw(config, self.step, pass | (number as u64) << 32, samples)
+                };
+                let loss = look(0).judge(&judge, reals, fakes.clone().detach());
+                report.discriminator += share / count * scalar(&loss);
+                let gradients = GradientsParams::from_grads((loss * share).backward(), &judge);
+                let still = learned(number, gradients).no_grad();
+
+                let looked = look(1);
+                let logits = still.forward_seeded(
+                    looked.patches.cut(fakes, &looked.fake_colour),
+                    looked.dropout,
+                );
+                // A sum over the views. Both have as many logits, so where one network judges them
+                // together it is twice the mean.
+                let term = generator_adversarial(logits) * (2.0 / count);
+                report.adversarial += share * scalar(&term);
+                total = total + term * self.weights.adversarial;
+            }
+        }
+
+        report.total = share * scalar(&total);
+        add(&mut report.terms, &terms.values(), share);
+        Part {
+            gradients: GradientsParams::from_grads((total * share).backward(), generator),
+            judges: Vec::new(),
+            report,
+        }
+    }
+
+    /// Adds the mean disparity and its spread within the maps to the report.
+    fn describe(&self, report: &mut StepReport, disparity: &Tensor<4>) {
+        // Without gradients: these numbers are looked at, never learned from.
+        let maps = disparity.clone().inner();
+        let [samples, views, height, width] = maps.dims();
+        let flat: Tensor<2> = maps.reshape([samples * views, height * width]);
+        let mean = flat.clone().mean_dim(1);
+        let centred = flat - mean.clone();
+        let spread = (centred.clone() * centred).mean_dim(1).sqrt();
+        report.disparity_mean = self.share * scalar(&mean.mean());
+        report.disparity_spread = self.share * scalar(&spread.mean());
     }
 }
 

@@ -76,6 +76,19 @@ fn wrong_usage_is_code_2_with_a_sentence() {
             "unknown device",
         ),
         (
+            format!("--config demo --data {here} --out {here}/run --device cpu,cpu"),
+            "named twice",
+        ),
+        (
+            format!("--config demo --data {here} --out {here}/run --device cuda:0,cuda:1"),
+            "accumulate=2",
+        ),
+        ("estimate".into(), "--config"),
+        (
+            format!("export {here} --f16 --out {here}/start.safetensors"),
+            "--f16",
+        ),
+        (
             format!("--resume --data {here} --out {here}/run"),
             "nothing can be resumed",
         ),
@@ -145,10 +158,7 @@ fn what_is_wrong_with_the_data_is_code_1_with_a_sentence() {
             ),
             "not a training run",
         ),
-        (
-            format!("export --run {}", other.display()),
-            "no training run",
-        ),
+        (format!("export {}", other.display()), "no training run"),
     ] {
         let (code, out, error) = train(&line);
         assert_eq!(code, 1, "{line}: {error}");
@@ -190,7 +200,7 @@ fn a_short_run_is_trained_resumed_and_exported() {
     assert_eq!(scalars.lines().count(), 3);
     let model = folder.path().join("best.onnx");
     let (code, out, error) = train(&format!(
-        "export --run {} --best --out {}",
+        "export {} --best --out {}",
         run.display(),
         model.display()
     ));

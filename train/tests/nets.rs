@@ -13,6 +13,7 @@ use strat_train::losses::{
     synthesize,
 };
 use strat_train::sampler::sample_horizontal;
+use strat_train::start::{self, Parameter, StartWeights};
 
 /// Numbers without a pattern, in -1..1, from a Weyl sequence.
 fn numbers(count: usize, salt: f64) -> Vec<f32> {
@@ -43,8 +44,20 @@ fn project(map: Tensor<4>) -> f64 {
         .sum()
 }
 
-/// Compares the gradients of `function` at `inputs` with central differences of step `step`.
+/// Compares the gradients of `function` at `inputs` with central differences of step `step`, to
+/// 0.4 % of the largest.
 fn check_gradients(
+    name: &str,
+    inputs: &[(Vec<f32>, [usize; 4])],
+    step: f32,
+    function: impl Fn(&[Tensor<4>]) -> Tensor<4>,
+) {
+    check_gradients_within(4e-3, name, inputs, step, function);
+}
+
+/// The same to the part `tolerance` of the largest gradient.
+fn check_gradients_within(
+    tolerance: f64,
     name: &str,
     inputs: &[(Vec<f32>, [usize; 4])],
     step: f32,
@@ -79,7 +92,7 @@ fn check_gradients(
             let below = value(&moved);
             let expected = (above - below) / (2.0 * f64::from(step));
             assert!(
-                (f64::from(*found) - expected).abs() < 4e-3 * f64::from(scale),
+                (f64::from(*found) - expected).abs() < tolerance * f64::from(scale),
                 "{name}: input {index}, position {position}: {found} instead of {expected}"
             );
         }
@@ -458,4 +471,150 @@ fn the_discriminator_has_right_gradients_with_respect_to_patches() {
         "{slope} instead of {}",
         length.sqrt()
     );
+}
+
+/// Disparities of four scales without a kink nearby: samples fall between pixels (a fraction of 0.35
+/// to 0.65), and those of the right view are so much larger than those of the left that their
+/// difference keeps its sign where samples fade out at the borders.
+fn disparities_between_pixels(height: usize, width: usize) -> Vec<(Vec<f32>, [usize; 4])> {
+    (0..4)
+        .map(|level| {
+            let (h, w) = (height >> level, width >> level);
+            let values = numbers(2 * h * w, 7.0 + level as f64);
+            let disparity = |(i, v): (usize, &f32)| {
+                let whole = if i < h * w { 0 } else { 5 + i * 7 % 2 };
+                (whole as f32 + 0.5 + 0.15 * v) / w as f32
+            };
+            (
+                values.iter().enumerate().map(disparity).collect(),
+                [1, 2, h, w],
+            )
+        })
+        .collect()
+}
+
+/// The stereo objective with these weights as a function of the four disparities.
+fn check_objective(name: &str, weights: &Weights, step: f32) {
+    let (height, width) = (24, 32);
+    // The left view is so much brighter that it stays so where it fades out at the border: no
+    // colour difference changes its sign.
+    let view = |brightness: f32, salt| -> Vec<f32> {
+        let values = numbers(3 * height * width, salt);
+        values.iter().map(|v| brightness + 0.05 * v).collect()
+    };
+    let views = [view(0.8, 21.0), view(0.1, 22.0)];
+    let inputs = disparities_between_pixels(height, width);
+    // The objective is a single f32: its rounding is a visible part of a difference.
+    check_gradients_within(1e-2, name, &inputs, step, |t| {
+        let device = t[0].device();
+        let shape = [1, 3, height, width];
+        let [left, right] = views.each_ref().map(|v| tensor(v, shape, &device));
+        let levels = std::array::from_fn(|level| t[level].clone());
+        let terms = stereo_losses(left, right, &levels, weights);
+        terms.total.reshape([1, 1, 1, 1])
+    });
+}
+
+#[test]
+fn left_right_consistency_and_photometric_terms_have_right_gradients() {
+    let none = Weights {
+        ssim: 0.0,
+        l1: 0.0,
+        left_right: 0.0,
+        smoothness: 0.0,
+        adversarial: 0.0,
+    };
+    // Both are linear between their kinks, which lie a third of a pixel of 1/32 away.
+    let linear = 4e-3;
+    let left_right = Weights {
+        left_right: 1.0,
+        ..none
+    };
+    check_objective("left-right", &left_right, linear);
+    check_objective("l1", &Weights { l1: 1.0, ..none }, linear);
+    check_objective("ssim", &Weights { ssim: 1.0, ..none }, 2e-3);
+}
+
+/// Along the gradient of every layer in turn, the objective rises as fast as the gradient is long.
+#[test]
+fn the_whole_objective_has_right_gradients_in_every_layer() {
+    let plain = Device::flex();
+    let config = GeneratorConfig {
+        width: Width::new(1, 32).expect("a valid width"),
+        ..GeneratorConfig::default()
+    };
+    let critic = DiscriminatorConfig { width: sixteenth() }.init(12, &plain);
+    let patches = Patches {
+        size: 64,
+        rows: vec![0, 0],
+        columns: vec![3, 40],
+    };
+    let plain_colours = ColourFactors(vec![[1.0; 3]; 2]);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("weights.safetensors");
+    let weights = Weights {
+        // As much as the stereo terms, so that a wrong gradient of it shows.
+        adversarial: 1.0,
+        ..Weights::STRAT
+    };
+    let objective = |generator: &strat_train::generator::Generator, critic: &Discriminator| {
+        let device = generator.encoder.conv1.weight.val().device();
+        let (left, right) = pair(&device);
+        let levels = generator.forward(left.clone());
+        let terms = stereo_losses(left.clone(), right.clone(), &levels, &weights);
+        let (fake, _) = synthesize(left, right, levels[0].clone(), 0.7);
+        let logits = critic.forward_seeded(patches.cut(fake, &plain_colours), 5);
+        terms.total + generator_adversarial(logits) * weights.adversarial
+    };
+
+    let with = |parameters: &[Parameter], device: &Device| {
+        start::write(parameters, None, &path).expect("written");
+        let weights = StartWeights::read(&path).expect("read");
+        config.init_from(0, Some(&weights), device)
+    };
+    // Disparities of 5.5 and 4.5 pixels: samples between pixels, views that do not agree. At whole
+    // pixels and at agreement the objective has kinks.
+    let mut parameters = config.init(11, &plain).parameters();
+    for parameter in &mut parameters {
+        if parameter.name.starts_with("decoder.disp") && parameter.name.ends_with("bias") {
+            parameter.values = vec![0.0431, 0.0352];
+        }
+    }
+    let generator = with(&parameters, &Device::flex().autodiff());
+    let still = critic.clone().train().no_grad();
+    let gradients = objective(&generator, &still).backward();
+    let value = |index: usize, direction: &[f32], step: f64| {
+        let mut moved = parameters.clone();
+        for (value, slope) in moved[index].values.iter_mut().zip(direction) {
+            *value += (step * f64::from(*slope)) as f32;
+        }
+        f64::from(floats(objective(&with(&moved, &plain), &critic))[0])
+    };
+    for (number, (name, layer)) in generator.layers().into_iter().enumerate() {
+        let weight = match layer {
+            strat_train::generator::Layer::Convolution(l) => l.weight.val(),
+            strat_train::generator::Layer::Transposed(l) => l.weight.val(),
+        };
+        let gradient = floats(weight.grad(&gradients).expect("a gradient"));
+        let length = gradient
+            .iter()
+            .map(|g| f64::from(*g).powi(2))
+            .sum::<f64>()
+            .sqrt();
+        // A change of the objective well above the rounding of its f32, below its curvature.
+        let step = 5e-5 / length;
+        let direction: Vec<f32> = gradient
+            .iter()
+            .map(|g| (f64::from(*g) / length) as f32)
+            .collect();
+        let index = 2 * number;
+        assert_eq!(parameters[index].name, format!("{name}.weight"));
+        let slope =
+            (value(index, &direction, step) - value(index, &direction, -step)) / (2.0 * step);
+        println!("{name}: {slope} for {length}");
+        assert!(
+            (slope / length - 1.0).abs() < 0.03,
+            "{name}: {slope} instead of {length}"
+        );
+    }
 }

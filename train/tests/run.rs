@@ -7,9 +7,11 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use strat_onnx::metadata::Weights;
-use strat_train::config::{Config, Preset};
+use strat_train::config::{Config, Judges, Preset};
 use strat_train::device::DeviceChoice;
-use strat_train::run::{Options, Outcome, export_run, run};
+use strat_train::run::{Options, Outcome, RunInfo, export_run, run};
+use strat_train::start::StartWeights;
+use strat_train::step::Networks;
 
 const SMALL: [&str; 6] = [
     "network.width=1/32",
@@ -31,9 +33,11 @@ fn options(root: &Path, out: &str, settings: &[&str]) -> Options {
         data: root.join("set"),
         out: root.join(out),
         device: DeviceChoice::Cpu,
+        helpers: Vec::new(),
         resume: false,
         force: false,
         quiet: true,
+        ignore_memory: false,
         stop: Arc::new(AtomicBool::new(false)),
     }
 }
@@ -70,6 +74,7 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
         ("strat", &[][..]),
         ("random", &["variant=random", "accumulate=2", "batch=1"][..]),
         ("noadv", &["variant=no-adv"][..]),
+        ("per-view", &["discriminator.judges=per-view"][..]),
     ] {
         let whole = options(folder.path(), &format!("{name}-whole"), settings);
         let outcome = go(&whole);
@@ -138,7 +143,7 @@ fn the_photometric_error_falls_and_the_model_is_exported() {
         3
     );
     // The same model comes out of the checkpoint.
-    let (path, _) = export_run(
+    let exported = export_run(
         &options.out,
         Some(&folder.path().join("again.onnx")),
         false,
@@ -146,7 +151,7 @@ fn the_photometric_error_falls_and_the_model_is_exported() {
     )
     .unwrap();
     assert_eq!(
-        std::fs::read(path).unwrap(),
+        std::fs::read(exported.path).unwrap(),
         bytes(&options.out, "model.onnx")
     );
 }
@@ -190,6 +195,127 @@ fn accumulated_gradients_are_averaged() {
     };
     for (a, b) in line(&single).iter().zip(line(&two)) {
         assert!((a - b).abs() <= 1e-5 * (1.0 + a.abs()), "{a} and {b}");
+    }
+}
+
+fn run_info(folder: &Path) -> RunInfo {
+    serde_json::from_slice(&bytes(folder, "run.json")).unwrap()
+}
+
+#[test]
+fn each_view_can_have_a_discriminator_of_its_own() {
+    let folder = set();
+    let settings = ["max_steps=1", "validation.every=0"];
+    let shared = options(folder.path(), "shared", &settings);
+    let mut own = options(folder.path(), "own", &settings);
+    own.config.discriminator.judges = Judges::PerView;
+    go(&shared);
+    go(&own);
+    let (one, two) = (run_info(&shared.out), run_info(&own.out));
+    assert_eq!(one.generator_parameters, two.generator_parameters);
+    assert_eq!(
+        2 * one.discriminator_parameters,
+        two.discriminator_parameters
+    );
+    // Both are trained: neither is what it was before the step, nor are they alike.
+    let file = folder.path().join("own.safetensors");
+    export_run(&own.out, Some(&file), false, Weights::F32).unwrap();
+    let trained = StartWeights::read(&file).unwrap();
+    let before = Networks::new(&own.config, None, &DeviceChoice::Cpu.open().unwrap());
+    for parameter in before.all_parameters() {
+        if parameter.name.ends_with("stages.0.conv.weight") {
+            let after = trained.values(&parameter.name, &parameter.shape).unwrap();
+            assert_ne!(after, parameter.values, "{}", parameter.name);
+        }
+    }
+    let shape = [4, 3, 4, 4];
+    let of = |network| {
+        let name = format!("{network}.stages.0.conv.weight");
+        trained.values(&name, &shape).unwrap()
+    };
+    assert_ne!(of("discriminator"), of("discriminator-right"));
+}
+
+#[test]
+fn a_run_begins_with_the_weights_of_another() {
+    let folder = set();
+    let settings = ["max_steps=2", "validation.every=0"];
+    let first = options(folder.path(), "first", &settings);
+    go(&first);
+    let file = folder.path().join("start.safetensors");
+    let exported = export_run(&first.out, Some(&file), false, Weights::F32).unwrap();
+    assert_eq!((&exported.path, exported.parity), (&file, None));
+
+    // The networks are those of the first run, whatever the seed.
+    let mut second = options(folder.path(), "second", &["seed=5", "max_steps=1"]);
+    second.config.start_weights = Some(file.clone());
+    let device = DeviceChoice::Cpu.open().unwrap();
+    let start = StartWeights::read(&file).unwrap();
+    let networks = Networks::new(&second.config, Some(&start), &device);
+    let parameters = networks.all_parameters();
+    assert!(
+        start
+            .check(&parameters)
+            .unwrap()
+            .contains("of the networks")
+    );
+    for parameter in &parameters {
+        let stored = start.values(&parameter.name, &parameter.shape);
+        assert_eq!(
+            stored.as_ref(),
+            Some(&parameter.values),
+            "{}",
+            parameter.name
+        );
+    }
+    go(&second);
+    let info = run_info(&second.out);
+    assert_eq!(info.start_weights.as_deref(), Some(start.digest()));
+    assert!(!info.unknown_start);
+
+    // The drives of the first run are remembered, also by a run that is resumed.
+    let drives = vec!["2011_09_26_drive_0001".to_owned(), "elsewhere".to_owned()];
+    strat_train::start::write(&parameters, Some(&drives[1..]), &file).unwrap();
+    second.force = true;
+    go(&second);
+    assert_eq!(run_info(&second.out).train_drives, drives);
+    (second.force, second.resume) = (false, true);
+    second.config.max_steps = Some(2);
+    std::fs::remove_file(&file).unwrap();
+    go(&second);
+    assert_eq!(run_info(&second.out).train_drives, drives);
+
+    // A file that does not say what it was trained on leaves its mark in the model.
+    strat_train::start::write(&parameters, None, &file).unwrap();
+    (second.force, second.resume) = (true, false);
+    go(&second);
+    let model = strat_onnx::model::read(second.out.join("model.onnx")).unwrap();
+    let metadata = model.info.metadata().unwrap().clone();
+    assert_eq!(
+        metadata.unknown_start,
+        Some(StartWeights::read(&file).unwrap().digest().to_owned())
+    );
+
+    // A network of another width is refused before anything of the old run is removed.
+    second.config.network.width = strat_train::layers::Width::new(1, 16).unwrap();
+    let text = run(&second).unwrap_err().to_string();
+    assert!(text.contains("start weights"), "{text}");
+    assert!(second.out.join("model.onnx").is_file());
+}
+
+#[test]
+fn devices_that_share_a_step_change_nothing_in_its_result() {
+    let folder = set();
+    for judges in ["shared", "per-view"] {
+        let judges = format!("discriminator.judges={judges}");
+        let settings = ["batch=1", "accumulate=3", "epochs=1", &judges];
+        let one = options(folder.path(), &format!("one-{judges}"), &settings);
+        let mut two = options(folder.path(), &format!("two-{judges}"), &settings);
+        two.helpers = vec![DeviceChoice::Cpu];
+        go(&one);
+        go(&two);
+        assert_same_run(&one.out, &two.out);
+        assert_eq!(run_info(&two.out).device, "cpu,cpu");
     }
 }
 

@@ -163,6 +163,10 @@ pub struct ModelMetadata {
     /// Drives that the training images come from, so that an evaluation can tell whether it asks
     /// for places the model has seen. Empty when unknown.
     pub train_drives: Vec<String>,
+    /// BLAKE3 of the weights that the training began with, where it is unknown what those were
+    /// trained on: `train_drives` is then not the whole list.
+    #[serde(default)]
+    pub unknown_start: Option<String>,
     /// Name of the training variant.
     pub variant: Option<String>,
     /// Seed of the training run.
@@ -208,6 +212,7 @@ impl ModelMetadata {
             train_data_digest: None,
             split: None,
             train_drives: Vec::new(),
+            unknown_start: None,
             variant: None,
             seed: None,
             epoch: None,
@@ -239,6 +244,7 @@ impl ModelMetadata {
             "train_drives",
             (!self.train_drives.is_empty()).then(|| self.train_drives.join(" ")),
         );
+        put("unknown_start", self.unknown_start.clone());
         put("variant", self.variant.clone());
         put("seed", self.seed.map(|seed| seed.to_string()));
         put("epoch", self.epoch.map(|epoch| epoch.to_string()));
@@ -324,6 +330,7 @@ impl ModelMetadata {
                 .get("train_drives")
                 .map(|names| names.split_whitespace().map(str::to_owned).collect())
                 .unwrap_or_default();
+            metadata.unknown_start = fields.text("unknown_start");
             metadata.variant = fields.text("variant");
             metadata.seed = fields.parse("seed", "a whole number");
             metadata.epoch = fields.parse("epoch", "a whole number");
@@ -611,6 +618,7 @@ mod tests {
                 "2011_09_26_drive_0001".into(),
                 "2011_09_30_drive_0020".into(),
             ],
+            unknown_start: Some("ff00".into()),
             variant: Some("strat".into()),
             seed: Some(u64::MAX),
             epoch: Some(50),

@@ -1,0 +1,387 @@
+//! How much memory a training step takes: predicted before the first step, measured on request.
+//!
+//! The prediction counts what the networks keep for their backward passes and what the optimizers
+//! keep for each weight; the factors that turn these counts into bytes were fitted to measured
+//! peaks of the CPU backend (`train estimate`). It is there to refuse a run that cannot fit before
+//! it has taken the machine's memory, so it may be wrong by a fifth, not by a multiple.
+//!
+//! A measurement runs real steps on noise in a process of its own, whose peak the system reports.
+//!
+//! Not here: the memory of GPUs before a step, which burn does not tell; a measurement on a GPU
+//! reports what its backend has reserved after the steps.
+
+use std::time::Instant;
+
+use burn::tensor::Device;
+use serde::{Deserialize, Serialize};
+use sysinfo::{MemoryRefreshKind, RefreshKind, System};
+
+use crate::config::{Config, Judges};
+use crate::data::Batch;
+use crate::device::DeviceChoice;
+use crate::discriminator::Discriminator;
+use crate::error::{Error, Result};
+use crate::generator::Generator;
+use crate::layers::{Convolution, Ops, TransposedConvolution};
+use crate::random::{Draws, Purpose};
+use crate::step::Networks;
+
+/// Bytes of the program itself with its threads and buffers.
+const PROGRAM: f64 = 60.0 * MIB;
+/// Copies of every weight at the peak of a step: itself, its gradient, two moments of Adam, and
+/// what the update makes on the way.
+const COPIES: f64 = 5.0;
+/// Bytes kept for each value that the generator computes.
+const PER_ACTIVATION: f64 = 4.0 * 1.7;
+/// Bytes kept for each value that a discriminator computes, in the larger of its two passes.
+const PER_JUDGED: f64 = 4.0 * 3.0;
+/// Bytes for each value of the images in the losses: pyramids, samples and structural terms.
+const PER_PIXEL: f64 = 4.0 * 30.0;
+
+const MIB: f64 = 1024.0 * 1024.0;
+
+/// Predicted bytes of a training step, as a line in the number of pairs per batch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Need {
+    /// What does not depend on the batch.
+    pub fixed: f64,
+    /// What every pair of a batch adds.
+    pub per_pair: f64,
+}
+
+impl Need {
+    /// The prediction for these networks on the CPU backend.
+    #[must_use]
+    pub fn predict(config: &Config, networks: &Networks) -> Self {
+        let (generator, discriminators) = networks.parameters();
+        let [height, width] = [config.input.height as usize, config.input.width as usize];
+        let mut counter = Counter { values: 0 };
+        Generator::run(&networks.generator(), &mut counter, [3, height, width]);
+        let judged = networks.discriminator().map_or(0, |network| {
+            let views = match config.discriminator.judges {
+                Judges::Shared => 2,
+                Judges::PerView => 1,
+            };
+            views * judged_values(&network, config.discriminator.patch)
+        });
+        Self {
+            fixed: PROGRAM + 4.0 * COPIES * (generator + discriminators) as f64,
+            per_pair: PER_ACTIVATION * counter.values as f64
+                + PER_JUDGED * judged as f64
+                + PER_PIXEL * (2 * 3 * height * width) as f64,
+        }
+    }
+
+    /// The line through measured peaks (least squares); `None` for fewer than two batch sizes.
+    #[must_use]
+    pub fn through(measured: &[Measured]) -> Option<Self> {
+        let count = measured.len() as f64;
+        let mean = |value: fn(&Measured) -> f64| measured.iter().map(value).sum::<f64>() / count;
+        let (batch, peak) = (mean(|m| m.batch as f64), mean(|m| m.peak_bytes));
+        let sum = |value: &dyn Fn(&Measured) -> f64| measured.iter().map(value).sum::<f64>();
+        let spread = sum(&|m| (m.batch as f64 - batch).powi(2));
+        let per_pair = sum(&|m| (m.batch as f64 - batch) * (m.peak_bytes - peak)) / spread;
+        (spread > 0.0 && per_pair > 0.0).then_some(Self {
+            fixed: peak - per_pair * batch,
+            per_pair,
+        })
+    }
+
+    /// Bytes at the peak of a step.
+    #[must_use]
+    pub fn bytes(&self, batch: usize) -> f64 {
+        self.fixed + self.per_pair * batch as f64
+    }
+
+    /// Largest batch whose step fits into so many bytes.
+    #[must_use]
+    pub fn largest_batch(&self, bytes: f64) -> usize {
+        ((bytes - self.fixed) / self.per_pair).max(0.0) as usize
+    }
+
+    /// Refuses a batch that does not fit into the memory that is free.
+    ///
+    /// # Errors
+    /// With what is needed, what is free, and the settings that fit.
+    pub fn check(&self, config: &Config, free: f64) -> Result<()> {
+        let needed = self.bytes(config.batch);
+        if needed <= free {
+            return Ok(());
+        }
+        let fits = self.largest_batch(free);
+        let advice = if fits == 0 {
+            "not even a batch of 1 fits: choose a smaller --preset or input".to_owned()
+        } else {
+            let accumulate = (config.batch * config.accumulate).div_ceil(fits);
+            format!(
+                "--set batch={fits} --set accumulate={accumulate} fits and averages as many pairs \
+                 a step"
+            )
+        };
+        Err(Error::Memory(format!(
+            "a step of batch {} at {}x{} needs about {} of memory, but {} are free; {advice}. \
+             `train estimate` measures it; --ignore-memory goes on all the same",
+            config.batch,
+            config.input.width,
+            config.input.height,
+            human(needed),
+            human(free),
+        )))
+    }
+}
+
+/// Values per sample that a discriminator computes for a patch: of every stage the convolution,
+/// the normalisation, the activation and the dropout.
+fn judged_values(network: &Discriminator, patch: usize) -> usize {
+    let mut side = patch;
+    let stages = network.stages.iter().map(|stage| {
+        side /= 2;
+        let [filters, ..] = stage.conv.weight.val().dims();
+        4 * filters * side * side
+    });
+    stages.sum()
+}
+
+/// [`Ops`] that counts the values of every result.
+struct Counter {
+    values: usize,
+}
+
+impl Counter {
+    fn made(&mut self, shape: [usize; 3]) -> [usize; 3] {
+        self.values += shape.iter().product::<usize>();
+        shape
+    }
+}
+
+impl Ops for Counter {
+    /// Channels, rows, columns.
+    type Value = [usize; 3];
+
+    fn conv(&mut self, _: &str, layer: &Convolution, [_, h, w]: [usize; 3]) -> [usize; 3] {
+        let [outputs, ..] = layer.weight.val().dims();
+        self.made([outputs, h.div_ceil(layer.stride), w.div_ceil(layer.stride)])
+    }
+
+    fn conv_transpose(
+        &mut self,
+        _: &str,
+        layer: &TransposedConvolution,
+        [_, h, w]: [usize; 3],
+    ) -> [usize; 3] {
+        let [_, outputs, ..] = layer.weight.val().dims();
+        let stride = TransposedConvolution::STRIDE;
+        self.made([outputs, stride * h, stride * w])
+    }
+
+    fn elu(&mut self, input: [usize; 3]) -> [usize; 3] {
+        self.made(input)
+    }
+
+    fn relu(&mut self, input: [usize; 3]) -> [usize; 3] {
+        self.made(input)
+    }
+
+    fn sigmoid(&mut self, input: [usize; 3]) -> [usize; 3] {
+        self.made(input)
+    }
+
+    fn scale(&mut self, input: [usize; 3], _: f32) -> [usize; 3] {
+        self.made(input)
+    }
+
+    fn add(&mut self, left: [usize; 3], _: [usize; 3]) -> [usize; 3] {
+        self.made(left)
+    }
+
+    fn concat(&mut self, inputs: Vec<[usize; 3]>) -> [usize; 3] {
+        let channels = inputs.iter().map(|[channels, ..]| channels).sum();
+        let [_, height, width] = inputs.first().copied().unwrap_or_default();
+        self.made([channels, height, width])
+    }
+
+    fn max_pool(&mut self, [channels, height, width]: [usize; 3]) -> [usize; 3] {
+        self.made([channels, height / 2, width / 2])
+    }
+
+    fn upsample(&mut self, [channels, height, width]: [usize; 3]) -> [usize; 3] {
+        self.made([channels, 2 * height, 2 * width])
+    }
+}
+
+/// Bytes of memory that this process may still take: what the system calls available, or what its
+/// control group leaves, whichever is less.
+#[must_use]
+pub fn free() -> f64 {
+    let what = RefreshKind::nothing().with_memory(MemoryRefreshKind::nothing().with_ram());
+    let system = System::new_with_specifics(what);
+    let group = system
+        .cgroup_limits()
+        .map_or(u64::MAX, |limits| limits.free_memory);
+    system.available_memory().min(group) as f64
+}
+
+/// Bytes for people: `1.4 GiB`, `310 MiB`.
+#[must_use]
+pub fn human(bytes: f64) -> String {
+    if bytes >= 1024.0 * MIB {
+        format!("{:.1} GiB", bytes / (1024.0 * MIB))
+    } else {
+        format!("{:.0} MiB", bytes / MIB)
+    }
+}
+
+/// What steps of one batch size took.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// Pairs per batch.
+    pub batch: usize,
+    /// Peak memory of the process, or on a GPU the bytes its backend has reserved.
+    pub peak_bytes: f64,
+    /// Seconds of the fastest optimizer step but the first.
+    pub step_seconds: f64,
+}
+
+/// Takes optimizer steps on noise and reports what they took; meant to be the only work of its
+/// process.
+///
+/// # Errors
+/// When the device does not answer, a step fails, or the system does not tell peaks.
+pub fn measure(config: &Config, device: DeviceChoice) -> Result<Measured> {
+    /// The first step lacks the moments of Adam.
+    const STEPS: u64 = 3;
+    let open = device.open()?;
+    let mut networks = Networks::new(config, None, &open);
+    let weights = config.loss_weights();
+    let mut fastest = f64::INFINITY;
+    for step in 0..STEPS {
+        let batches = (0..config.accumulate as u64).map(|part| noise(config, step, part));
+        let batches = batches.collect();
+        let started = Instant::now();
+        networks.step(config, &weights, batches, step, STEPS)?;
+        if step > 0 {
+            fastest = fastest.min(started.elapsed().as_secs_f64());
+        }
+    }
+    Ok(Measured {
+        batch: config.batch,
+        peak_bytes: reserved(&open).map_or_else(peak_of_process, Ok)?,
+        step_seconds: fastest,
+    })
+}
+
+fn noise(config: &Config, step: u64, part: u64) -> Batch {
+    let mut draws = Draws::new(config.seed, Purpose::Augmentation, step, part);
+    let size = 3 * config.input.height as usize * config.input.width as usize;
+    let mut view = || (0..config.batch * size).map(|_| draws.unit()).collect();
+    Batch {
+        left: view(),
+        right: view(),
+        samples: config.batch,
+        indices: vec![0; config.batch],
+        warnings: Vec::new(),
+    }
+}
+
+/// What a GPU's backend has reserved; pools of the backend keep what they once needed.
+fn reserved(device: &Device) -> Option<f64> {
+    let usage = device.memory_pool_usage()?;
+    Some(usage.bytes_reserved as f64)
+}
+
+#[cfg(unix)]
+fn peak_of_process() -> Result<f64> {
+    use nix::sys::resource::{UsageWho, getrusage};
+    let usage = getrusage(UsageWho::RUSAGE_SELF)
+        .map_err(|error| Error::Memory(format!("the system does not tell peak memory: {error}")))?;
+    // The only system that counts in bytes.
+    let unit = if cfg!(target_vendor = "apple") {
+        1.0
+    } else {
+        1024.0
+    };
+    Ok(usage.max_rss() as f64 * unit)
+}
+
+#[cfg(not(unix))]
+fn peak_of_process() -> Result<f64> {
+    Err(Error::Memory(
+        "peak memory is measured on Unix systems only".to_owned(),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Preset;
+
+    fn tiny(settings: &[&str]) -> (Config, Networks) {
+        let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();
+        let config = Config::resolve("kitti-strat", Some(Preset::Tiny), &settings).unwrap();
+        let networks = Networks::new(&config, None, &Device::flex());
+        (config, networks)
+    }
+
+    #[test]
+    fn the_counter_sees_the_shapes_that_the_network_has() {
+        let (config, networks) = tiny(&["network.head=sigmoid"]);
+        let mut counter = Counter { values: 0 };
+        let levels = networks.generator().run(&mut counter, [3, 64, 128]);
+        assert_eq!(levels, [[2, 64, 128], [2, 32, 64], [2, 16, 32], [2, 8, 16]]);
+        let given: usize = levels.iter().map(|l| l.iter().product::<usize>()).sum();
+        assert!(counter.values > 10 * given, "{}", counter.values);
+        let patch = config.discriminator.patch;
+        assert_eq!(patch, 64);
+        // Filters 4, 8, 16, 32, 32 on maps of 32, 16, 8, 4, 2.
+        let expected = 4 * (4 * 1024 + 8 * 256 + 16 * 64 + 32 * 16 + 32 * 4);
+        let network = networks.discriminator().unwrap();
+        assert_eq!(judged_values(&network, patch), expected);
+    }
+
+    #[test]
+    fn more_pairs_and_a_discriminator_need_more() {
+        let (config, networks) = tiny(&[]);
+        let with = Need::predict(&config, &networks);
+        assert!(with.bytes(8) > with.bytes(4));
+        let (config, networks) = tiny(&["variant=no-adv"]);
+        let without = Need::predict(&config, &networks);
+        assert!(with.bytes(4) > without.bytes(4));
+    }
+
+    #[test]
+    fn what_cannot_fit_is_refused_with_settings_that_fit() {
+        let (config, _) = tiny(&["batch=8"]);
+        let need = Need {
+            fixed: 100.0 * MIB,
+            per_pair: 100.0 * MIB,
+        };
+        assert_eq!(need.largest_batch(450.0 * MIB), 3);
+        assert!(need.check(&config, 900.0 * MIB).is_ok());
+        let text = need.check(&config, 450.0 * MIB).unwrap_err().to_string();
+        for part in ["900 MiB", "450 MiB", "batch=3", "accumulate=3", "128x64"] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+        let text = need.check(&config, 150.0 * MIB).unwrap_err().to_string();
+        assert!(text.contains("not even"), "{text}");
+    }
+
+    #[test]
+    fn the_line_goes_through_what_was_measured() {
+        let at = |batch, peak_bytes| Measured {
+            batch,
+            peak_bytes,
+            step_seconds: 1.0,
+        };
+        let line = Need::through(&[at(1, 30.0), at(2, 40.0), at(4, 60.0)]).unwrap();
+        assert!((line.fixed - 20.0).abs() < 1e-9 && (line.per_pair - 10.0).abs() < 1e-9);
+        assert_eq!(Need::through(&[at(1, 30.0)]), None);
+        assert_eq!(Need::through(&[at(1, 30.0), at(1, 31.0)]), None);
+    }
+
+    #[test]
+    fn the_system_tells_how_much_is_free() {
+        let bytes = free();
+        assert!(bytes > 16.0 * MIB, "{}", human(bytes));
+        assert_eq!(human(1536.0 * MIB), "1.5 GiB");
+    }
+}
