@@ -3,7 +3,7 @@
 //! The prediction counts what the networks keep for their backward passes and what the optimizers
 //! keep for each weight; the factors that turn these counts into bytes were fitted to measured
 //! peaks of the CPU backend (`train estimate`). It is there to refuse a run that cannot fit before
-//! it has taken the machine's memory, so it may be wrong by a fifth, not by a multiple.
+//! it has taken the machine's memory, so it may be wrong by a quarter, not by a multiple.
 //!
 //! A measurement runs real steps on noise in a process of its own, whose peak the system reports.
 //!
@@ -27,16 +27,17 @@ use crate::random::{Draws, Purpose};
 use crate::step::Networks;
 
 /// Bytes of the program itself with its threads and buffers.
-const PROGRAM: f64 = 60.0 * MIB;
-/// Copies of every weight at the peak of a step: itself, its gradient, two moments of Adam, and
-/// what the update makes on the way.
-const COPIES: f64 = 5.0;
-/// Bytes kept for each value that the generator computes.
-const PER_ACTIVATION: f64 = 4.0 * 1.7;
-/// Bytes kept for each value that a discriminator computes, in the larger of its two passes.
-const PER_JUDGED: f64 = 4.0 * 3.0;
-/// Bytes for each value of the images in the losses: pyramids, samples and structural terms.
-const PER_PIXEL: f64 = 4.0 * 30.0;
+const PROGRAM: f64 = 22e6;
+/// Copies of every weight at the peak of a step: itself, two moments of Adam, and most of the
+/// gradients.
+const COPIES: f64 = 3.6;
+/// Bytes for each value that the generator computes; many are overwritten by the next operation.
+const PER_VALUE: f64 = 1.85;
+/// Bytes for each value that a discriminator computes.
+const PER_JUDGED: f64 = 8.0;
+/// Bytes for each value of the two images in the losses (pyramids, samples, structural terms), and
+/// what the adversarial term adds to that.
+const PER_PIXEL: [f64; 2] = [30.0, 20.0];
 
 const MIB: f64 = 1024.0 * 1024.0;
 
@@ -57,18 +58,21 @@ impl Need {
         let [height, width] = [config.input.height as usize, config.input.width as usize];
         let mut counter = Counter { values: 0 };
         Generator::run(&networks.generator(), &mut counter, [3, height, width]);
-        let judged = networks.discriminator().map_or(0, |network| {
-            let views = match config.discriminator.judges {
-                Judges::Shared => 2,
-                Judges::PerView => 1,
-            };
-            views * judged_values(&network, config.discriminator.patch)
+        let views = match config.discriminator.judges {
+            Judges::Shared => 2,
+            Judges::PerView => 1,
+        };
+        let judge = networks.discriminator();
+        let judged = judge.as_ref().map_or(0, |judge| {
+            views * judged_values(judge, config.discriminator.patch)
         });
+        let [stereo, adversarial] = PER_PIXEL;
+        let per_pixel = stereo + if judge.is_some() { adversarial } else { 0.0 };
         Self {
             fixed: PROGRAM + 4.0 * COPIES * (generator + discriminators) as f64,
-            per_pair: PER_ACTIVATION * counter.values as f64
+            per_pair: PER_VALUE * counter.values as f64
                 + PER_JUDGED * judged as f64
-                + PER_PIXEL * (2 * 3 * height * width) as f64,
+                + per_pixel * (2 * 3 * height * width) as f64,
         }
     }
 
