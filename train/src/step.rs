@@ -10,7 +10,7 @@
 //! is not. Evaluation belongs on `valid()` networks (see [`crate::validation`]).
 
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 
 use burn::module::Module;
@@ -313,54 +313,39 @@ impl Networks {
     fn parts(&self, pass: &Pass, batches: Vec<Batch>, mut take: impl FnMut(Part)) {
         let home = &self.devices[0];
         // The other devices get the weights anew for every step: only the first has optimizers.
-        let replicas: Vec<_> = self
+        let replicas: Vec<Replica> = self
             .devices
             .iter()
-            .enumerate()
-            .map(|(index, device)| {
-                let (generator, judges) = (self.generator.clone(), self.judges());
-                if index == 0 {
-                    return (generator, judges);
-                }
-                let judges = judges.into_iter().map(|network| network.fork(device));
-                (generator.fork(device), judges.collect())
+            .map(|device| Replica {
+                generator: self.generator.clone().fork(device),
+                judges: self.judges().fork(device),
+                device,
             })
             .collect();
         let mut numbered = batches.into_iter().enumerate();
         loop {
-            let round: Vec<_> = numbered.by_ref().take(self.devices.len()).collect();
-            if round.is_empty() {
+            let round: Vec<_> = numbered.by_ref().take(replicas.len()).collect();
+            let work = round.into_iter().zip(&replicas);
+            let done: Vec<Part> = match replicas.len() {
+                1 => work
+                    .map(|((index, batch), replica)| replica.run(pass, index, batch, home))
+                    .collect(),
+                _ => std::thread::scope(|scope| {
+                    let threads: Vec<_> = work
+                        .map(|((index, batch), replica)| {
+                            scope.spawn(move || replica.run(pass, index, batch, home))
+                        })
+                        .collect();
+                    let join = |thread: std::thread::ScopedJoinHandle<Part>| {
+                        thread.join().unwrap_or_else(|panic| resume_unwind(panic))
+                    };
+                    threads.into_iter().map(join).collect()
+                }),
+            };
+            if done.is_empty() {
                 break;
             }
-            let work = round.into_iter().zip(&replicas).zip(&self.devices);
-            let run = |(((index, batch), (generator, judges)), device): (
-                ((usize, Batch), &(Generator, Vec<Discriminator>)),
-                &Device,
-            )| {
-                let mut gradients_of_judges = Vec::new();
-                let learned = |judge: usize, gradients: GradientsParams| {
-                    gradients_of_judges
-                        .push(gradients.to_device(&home.clone().inner(), &judges[judge]));
-                    judges[judge].clone()
-                };
-                let mut part = pass.run(generator, judges.clone(), device, index, batch, learned);
-                part.gradients = part.gradients.to_device(&home.clone().inner(), generator);
-                part.judges = gradients_of_judges;
-                part
-            };
-            if self.devices.len() == 1 {
-                work.map(run).for_each(&mut take);
-            } else {
-                let done: Vec<Part> = std::thread::scope(|scope| {
-                    let threads: Vec<_> = work.map(|item| scope.spawn(move || run(item))).collect();
-                    let joined = threads.into_iter().map(|thread| match thread.join() {
-                        Ok(part) => part,
-                        Err(panic) => std::panic::resume_unwind(panic),
-                    });
-                    joined.collect()
-                });
-                done.into_iter().for_each(&mut take);
-            }
+            done.into_iter().for_each(&mut take);
         }
     }
 
@@ -465,6 +450,33 @@ struct Part {
     gradients: GradientsParams,
     judges: Vec<GradientsParams>,
     report: StepReport,
+}
+
+/// The networks on one of several devices.
+struct Replica<'a> {
+    generator: Generator,
+    judges: Vec<Discriminator>,
+    device: &'a Device,
+}
+
+impl Replica<'_> {
+    /// What the `index`-th batch of a step gives, with its gradients on the device `home`.
+    fn run(&self, pass: &Pass, index: usize, batch: Batch, home: &Device) -> Part {
+        let home = home.clone().inner();
+        let mut judged = Vec::new();
+        let learned = |judge: usize, gradients: GradientsParams| {
+            let judge = &self.judges[judge];
+            judged.push(gradients.to_device(&home, judge));
+            judge.clone()
+        };
+        let judges = self.judges.clone();
+        let part = pass.run(&self.generator, judges, self.device, index, batch, learned);
+        Part {
+            gradients: part.gradients.to_device(&home, &self.generator),
+            judges: judged,
+            report: part.report,
+        }
+    }
 }
 
 impl Pass<'_> {

@@ -140,7 +140,7 @@ fn gradients_are_those_of_the_processor() {
         .zip(found.iter().zip(&expected))
     {
         let apart = difference(found, expected);
-        println!(
+        eprintln!(
             "{name}: {} gradients, relative difference {apart:.1e}",
             found.len()
         );
@@ -168,7 +168,7 @@ fn a_step_is_that_of_the_processor_and_its_model_passes_the_gate() {
         ("disparity", found.disparity_mean, expected.disparity_mean),
     ] {
         let apart = (found - expected).abs() / expected.abs();
-        println!("{name}: {found} on the GPU, relative difference {apart:.1e}");
+        eprintln!("{name}: {found} on the GPU, relative difference {apart:.1e}");
         assert!(apart < 1e-4, "{name}: {found} instead of {expected}");
     }
     let metadata = ModelMetadata::new(
@@ -184,5 +184,5 @@ fn a_step_is_that_of_the_processor_and_its_model_passes_the_gate() {
         &folder.path().join("m.onnx"),
     )
     .unwrap();
-    println!("parity of the exported model: {parity:.1e}");
+    eprintln!("parity of the exported model: {parity:.1e}");
 }

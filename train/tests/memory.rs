@@ -48,8 +48,11 @@ fn the_prediction_is_near_the_measurement() {
         let predicted = Need::predict(&config, &networks).bytes(batch);
         let found = measured(name, &settings).peak_bytes;
         let ratio = predicted / found;
-        println!("{name} {settings:?}: {found} bytes measured, {ratio:.2} of it predicted");
-        assert!((0.75..1.33).contains(&ratio), "{name} {settings:?}: {ratio}");
+        eprintln!("{name} {settings:?}: {found} bytes measured, {ratio:.2} of it predicted");
+        assert!(
+            (0.75..1.33).contains(&ratio),
+            "{name} {settings:?}: {ratio}"
+        );
     }
 }
 

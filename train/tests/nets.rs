@@ -611,7 +611,6 @@ fn the_whole_objective_has_right_gradients_in_every_layer() {
         assert_eq!(parameters[index].name, format!("{name}.weight"));
         let slope =
             (value(index, &direction, step) - value(index, &direction, -step)) / (2.0 * step);
-        println!("{name}: {slope} for {length}");
         assert!(
             (slope / length - 1.0).abs() < 0.03,
             "{name}: {slope} instead of {length}"

@@ -308,14 +308,14 @@ fn devices_that_share_a_step_change_nothing_in_its_result() {
     let folder = set();
     for judges in ["shared", "per-view"] {
         let judges = format!("discriminator.judges={judges}");
-        let settings = ["batch=1", "accumulate=3", "epochs=1", &judges];
+        let settings = ["batch=1", "accumulate=4", "epochs=1", &judges];
         let one = options(folder.path(), &format!("one-{judges}"), &settings);
-        let mut two = options(folder.path(), &format!("two-{judges}"), &settings);
-        two.helpers = vec![DeviceChoice::Cpu];
+        let mut three = options(folder.path(), &format!("three-{judges}"), &settings);
+        three.helpers = vec![DeviceChoice::Cpu; 2];
         go(&one);
-        go(&two);
-        assert_same_run(&one.out, &two.out);
-        assert_eq!(run_info(&two.out).device, "cpu,cpu");
+        go(&three);
+        assert_same_run(&one.out, &three.out);
+        assert_eq!(run_info(&three.out).device, "cpu,cpu,cpu");
     }
 }
 
