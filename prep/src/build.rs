@@ -13,8 +13,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use strat_geometry::{
-    CamToCam, DepthAxis, NOMINAL_BASELINE_M, depth_from_disparity_px, nominal_focal_px,
-    parse_velodyne, velodyne_depth,
+    CamToCam, DepthAxis, NOMINAL_BASELINE_M, ScanDepth, depth_from_disparity_px, nominal_focal_px,
 };
 use strat_splits::{DriveId, FrameId, Role, Split};
 use strat_store::exr::DepthHeader;
@@ -627,15 +626,19 @@ impl Workshop<'_> {
         if let (Some(velodyne), Some(camera)) = kept {
             return Ok((velodyne, camera));
         }
-        let bytes = scan.read().map_err(|e| Stop::input(scan, e))?;
-        let points =
-            parse_velodyne(&bytes).map_err(|e| Stop::input(scan, format!("{scan}: {e}")))?;
         let (width, height) = (cameras.width as usize, cameras.height as usize);
-        let depth = |axis| Plane {
+        let axes = [DepthAxis::VelodyneX, DepthAxis::CameraZ];
+        let mut depth = ScanDepth::new(projection, width, height, axes);
+        scan.read_in_pieces(|bytes| depth.add(bytes))
+            .map_err(|e| Stop::input(scan, e))?;
+        let depth = depth
+            .finish()
+            .map_err(|e| Stop::input(scan, format!("{scan}: {e}")))?;
+        let [along_scanner, along_camera] = depth.map(|data| Plane {
             width,
             height,
-            data: velodyne_depth(&points, projection, width, height, axis),
-        };
+            data,
+        });
         let header = |axis: &str| DepthHeader {
             source: "velodyne".to_owned(),
             axis: axis.to_owned(),
@@ -643,7 +646,6 @@ impl Workshop<'_> {
             baseline_m: cameras.baseline_m(),
             frame: format!("{drive}/{stem}"),
         };
-        let along_scanner = depth(DepthAxis::VelodyneX);
         if along_scanner.data.iter().all(|depth_m| *depth_m == 0.0) {
             return Err(Stop::input(
                 scan,
@@ -654,7 +656,7 @@ impl Workshop<'_> {
             self.files
                 .put_depth(velodyne, &along_scanner, &header("velodyne-x"))?,
             self.files
-                .put_depth(camera, &depth(DepthAxis::CameraZ), &header("camera-z"))?,
+                .put_depth(camera, &along_camera, &header("camera-z"))?,
         ))
     }
 
