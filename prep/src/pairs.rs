@@ -13,11 +13,10 @@ use strat_splits::Role;
 use strat_store::exr::{self, DepthHeader};
 use strat_store::raster::Plane;
 use strat_store::set::{Content, FileRef, Sample};
-use strat_store::{files, image_files};
+use strat_store::{files, image_files, npy};
 
 use crate::build::Failure;
 use crate::error::{Error, Result};
-use crate::npy;
 use crate::workshop::{self, Frame, Options, Piece, Stop, Workshop};
 
 const REQUIRED: [&str; 4] = ["left", "right", "focal_px", "baseline_m"];
