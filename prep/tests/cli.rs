@@ -515,7 +515,7 @@ fn broken_inputs_are_named_and_the_rest_is_kept() {
             "train 2011_09_26_drive_0001/0000000004 skipped: ",
             "0000000004.png is not a usable image: it is truncated",
             "0000000003.bin: a Velodyne scan is rows",
-            "2 input files could not be used",
+            "2 inputs could not be used",
         ],
     );
     let failures = std::fs::read_to_string(world.path("out/failures.csv")).unwrap();
@@ -907,7 +907,7 @@ fn every_kind_of_bad_input_is_a_sentence() {
         world.write(&name, content);
         let outcome = world.eigen(&format!("out-{number}"), &["--allow-missing"]);
         assert_eq!(outcome.code, 1, "{part}: {}", outcome.stderr);
-        assert_has(&outcome.stderr, &[part, "1 input files could not be used"]);
+        assert_has(&outcome.stderr, &[part, "1 inputs could not be used"]);
         assert_has(&outcome.stdout, &["val 1 of 330"]);
         world.write(&name, good);
     }
