@@ -116,7 +116,7 @@ impl RawFolder {
             let mut archives = archives_of(root, &entries);
             for date in Date::ALL {
                 let folder = root.join(date.as_str());
-                if folder.is_dir() {
+                if found.is_folder(&folder) {
                     archives.extend(found.add_day(date, &folder));
                 }
             }
@@ -191,7 +191,7 @@ impl Found {
         for name in &entries {
             let path = folder.join(name);
             match name.parse::<DriveId>() {
-                Ok(id) if id.date == date && path.is_dir() => self.add_drive(id, &path),
+                Ok(id) if id.date == date && self.is_folder(&path) => self.add_drive(id, &path),
                 _ => {}
             }
         }
@@ -200,10 +200,13 @@ impl Found {
 
     fn add_drive(&mut self, id: DriveId, folder: &Path) {
         self.drives.entry(id).or_default();
+        if self.noted(folder).is_none() {
+            return;
+        }
         for (kind, (name, endings)) in KINDS.iter().enumerate() {
             // Some copies leave out the level `data`.
             for place in [folder.join(name).join("data"), folder.join(name)] {
-                if !place.is_dir() {
+                if !self.is_folder(&place) {
                     continue;
                 }
                 for name in self.noted(&place).unwrap_or_default() {
@@ -244,6 +247,20 @@ impl Found {
             Some(known) if rank(known) >= rank(&source) => {}
             _ => {
                 files.insert(index, source);
+            }
+        }
+    }
+
+    /// Whether this is a folder. One that may not be looked at is noted: its frames are not missing.
+    fn is_folder(&mut self, path: &Path) -> bool {
+        match std::fs::metadata(path) {
+            Ok(metadata) => metadata.is_dir(),
+            Err(error) => {
+                if error.kind() == std::io::ErrorKind::PermissionDenied {
+                    let problem = format!("cannot look at {}: {error}", path.display());
+                    self.broken.push((path.to_owned(), problem));
+                }
+                false
             }
         }
     }
