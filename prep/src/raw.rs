@@ -116,7 +116,7 @@ impl RawFolder {
             let mut archives = archives_of(root, &entries);
             for date in Date::ALL {
                 let folder = root.join(date.as_str());
-                if found.is_folder(&folder) {
+                if folder.is_dir() {
                     archives.extend(found.add_day(date, &folder));
                 }
             }
@@ -191,7 +191,7 @@ impl Found {
         for name in &entries {
             let path = folder.join(name);
             match name.parse::<DriveId>() {
-                Ok(id) if id.date == date && self.is_folder(&path) => self.add_drive(id, &path),
+                Ok(id) if id.date == date && path.is_dir() => self.add_drive(id, &path),
                 _ => {}
             }
         }
@@ -206,7 +206,7 @@ impl Found {
         for (kind, (name, endings)) in KINDS.iter().enumerate() {
             // Some copies leave out the level `data`.
             for place in [folder.join(name).join("data"), folder.join(name)] {
-                if !self.is_folder(&place) {
+                if !place.is_dir() {
                     continue;
                 }
                 for name in self.noted(&place).unwrap_or_default() {
@@ -247,20 +247,6 @@ impl Found {
             Some(known) if rank(known) >= rank(&source) => {}
             _ => {
                 files.insert(index, source);
-            }
-        }
-    }
-
-    /// Whether this is a folder. One that may not be looked at is noted: its frames are not missing.
-    fn is_folder(&mut self, path: &Path) -> bool {
-        match std::fs::metadata(path) {
-            Ok(metadata) => metadata.is_dir(),
-            Err(error) => {
-                if error.kind() == std::io::ErrorKind::PermissionDenied {
-                    let problem = format!("cannot look at {}: {error}", path.display());
-                    self.broken.push((path.to_owned(), problem));
-                }
-                false
             }
         }
     }
@@ -374,8 +360,11 @@ fn list(folder: &Path) -> std::io::Result<Vec<String>> {
     names(folder)
 }
 
+/// The names in a folder, sorted. One whose names alone may be read is refused too: what is in it
+/// would look as if it were missing.
 pub(crate) fn names(folder: &Path) -> std::io::Result<Vec<String>> {
     let read = || {
+        std::fs::metadata(folder.join("."))?;
         let entries = std::fs::read_dir(folder)?;
         let mut names = Vec::new();
         for entry in entries {

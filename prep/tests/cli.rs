@@ -1051,7 +1051,30 @@ fn what_may_not_be_read_is_named_and_the_rest_is_made() {
     let outcome = run("none").unwrap();
     allow("raw", 0o755);
     assert_eq!(outcome.code, 2, "{}", outcome.stderr);
-    assert_has(&outcome.stderr, &["cannot look at", "Permission denied"]);
+    assert_has(
+        &outcome.stderr,
+        &["cannot list the folder", "Permission denied"],
+    );
+
+    let noc = "stereo/training/disp_noc_0";
+    let [raw, stereo, out] = ["raw", "stereo", "scenes"].map(|name| world.path(name));
+    let [raw, stereo, out] = [&raw, &stereo, &out].map(|path| path.to_str().unwrap());
+    allow(noc, 0o000);
+    let args = [
+        "kitti",
+        "--raw",
+        raw,
+        "--stereo2015",
+        stereo,
+        "--out",
+        out,
+        "--allow-missing",
+    ];
+    let outcome = as_nobody(&world, &args);
+    allow(noc, 0o755);
+    let outcome = outcome.unwrap();
+    assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+    assert_has(&outcome.stderr, &[noc, "Permission denied"]);
 
     let city = "cityscapes/leftImg8bit/train/aachen";
     let files = [
