@@ -91,8 +91,9 @@ def scan(job):
 
 def published(scans, day):
     start = time.perf_counter()
+    depths = []
     for file in scans:
-        scan_depth(str(file), *projection(day))
+        depths.append(scan_depth(str(file), *projection(day)))
     return time.perf_counter() - start
 
 
