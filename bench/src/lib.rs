@@ -24,7 +24,6 @@ pub mod leakage;
 pub mod maps;
 pub mod model;
 mod native;
-mod npy;
 pub mod parts;
 pub mod pictures;
 pub mod plot;

@@ -20,15 +20,12 @@ use std::{
 use serde::{Deserialize, Serialize};
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::{
-    exr, files, image_files,
+    exr, files, image_files, npy,
     raster::Plane,
     set::{Content, Sample},
 };
 
-use crate::{
-    model::{Numbers, Sigmoid},
-    npy::NpyPlanes,
-};
+use crate::model::{Numbers, Sigmoid};
 
 /// Description of a folder, in the folder.
 pub const FOLDER_DESCRIPTION: &str = "predictions.yaml";
@@ -151,7 +148,7 @@ pub struct SavedPredictions {
 #[derive(Debug)]
 enum Maps {
     Array {
-        planes: Mutex<NpyPlanes>,
+        planes: Mutex<npy::Planes>,
         places: HashMap<String, usize>,
     },
     Files(HashMap<String, PathBuf>),
@@ -197,7 +194,7 @@ impl SavedPredictions {
         let (maps, blake3) = match bytes {
             Some(file) => {
                 let planes = array(path, file, description.array.as_deref())?;
-                let places = places(path, planes.layout.count, content, samples)?;
+                let places = places(path, planes.count, content, samples)?;
                 let planes = Mutex::new(planes);
                 (Maps::Array { planes, places }, files::blake3_file(path)?)
             }
@@ -235,10 +232,9 @@ impl SavedPredictions {
                 let place = *places.get(image).ok_or_else(missing)?;
                 let mut planes = planes.lock().unwrap_or_else(PoisonError::into_inner);
                 let data = planes.plane(place).map_err(|r| unusable(&self.path, r))?;
-                let layout = planes.layout;
                 let plane = Plane {
-                    width: layout.width,
-                    height: layout.height,
+                    width: planes.width,
+                    height: planes.height,
                     data,
                 };
                 (&self.path, plane)
@@ -271,20 +267,17 @@ impl SavedPredictions {
         let ending = path.extension().and_then(|ending| ending.to_str());
         if ending == Some("npy") {
             let mut planes = array(path, open(path)?, None)?;
-            let (count, width, height) = (
-                planes.layout.count,
-                planes.layout.width,
-                planes.layout.height,
-            );
-            if count != 1 {
-                let reason = format!("it holds {count} maps, but is to be that of one image");
+            if planes.count != 1 {
+                let reason = format!(
+                    "it holds {} maps, but is to be that of one image",
+                    planes.count
+                );
                 return Err(unusable(path, reason));
             }
-            let data = planes.plane(0).map_err(|reason| unusable(path, reason))?;
             return Ok(Plane {
-                width,
-                height,
-                data,
+                width: planes.width,
+                height: planes.height,
+                data: planes.plane(0).map_err(|reason| unusable(path, reason))?,
             });
         }
         let bytes = files::read(path)?;
@@ -324,10 +317,10 @@ fn open(path: &Path) -> Result<File, SavedError> {
 }
 
 /// An array of an `.npy` or, unpacked into a file without a name, of an `.npz`.
-fn array(path: &Path, file: File, member: Option<&str>) -> Result<NpyPlanes, SavedError> {
+fn array(path: &Path, file: File, member: Option<&str>) -> Result<npy::Planes, SavedError> {
     let wrong = |reason: String| unusable(path, reason);
     if path.extension().is_none_or(|ending| ending != "npz") {
-        return NpyPlanes::new(file).map_err(wrong);
+        return npy::Planes::new(file).map_err(wrong);
     }
     let damaged = |error: zip::result::ZipError| wrong(format!("it is no usable .npz: {error}"));
     let mut archive = zip::ZipArchive::new(file).map_err(damaged)?;
@@ -363,7 +356,7 @@ fn array(path: &Path, file: File, member: Option<&str>) -> Result<NpyPlanes, Sav
         Ok(unpacked)
     };
     let unpacked = unpack().map_err(|error| wrong(format!("{wanted} of it: {error}")))?;
-    NpyPlanes::new(unpacked).map_err(wrong)
+    npy::Planes::new(unpacked).map_err(wrong)
 }
 
 /// Which map of an array is whose.

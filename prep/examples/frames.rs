@@ -14,9 +14,8 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
-use strat_geometry::{
-    CamToCam, DepthAxis, VeloToCam, velodyne_depth, velodyne_points, velodyne_projection,
-};
+use strat_geometry::{CamToCam, DepthAxis, ScanDepth, VeloToCam, velodyne_projection};
+use strat_prep::source::Source;
 use strat_store::resize::{self, Kernel};
 use strat_store::{files, image_files};
 
@@ -83,14 +82,14 @@ fn image(file: &Path, out: Option<&Path>) -> Result<()> {
 }
 
 fn scan(file: &Path, out: Option<&Path>, cam: &CamToCam, velo: &VeloToCam) -> Result<()> {
-    let bytes = files::read(file)?;
-    let depth_m = velodyne_depth(
-        velodyne_points(&bytes)?,
+    let mut depth = ScanDepth::new(
         &velodyne_projection(cam, velo),
         cam.width as usize,
         cam.height as usize,
-        DepthAxis::VelodyneX,
+        [DepthAxis::VelodyneX],
     );
+    Source::File(file.to_owned()).read_in_pieces(|bytes| depth.add(bytes))?;
+    let [depth_m] = depth.finish()?;
     if let Some(out) = out {
         let bytes: Vec<u8> = depth_m.iter().flat_map(|d| d.to_le_bytes()).collect();
         files::write_atomic(&target(file, out, "f32")?, &bytes)?;

@@ -1,71 +1,30 @@
-//! Turns the jobs of an inventory into a prepared set.
+//! Makes the samples of KITTI's splits from the jobs of an inventory.
 //!
-//! Jobs run on many threads and share nothing; the tables are written at the end in the
-//! order of the split, so the result does not depend on the number of threads. What an
-//! earlier run finished is kept, unless its input was replaced since. A bad input file costs its
-//! own sample only.
+//! What an earlier run finished is kept, unless its input was replaced since. A bad input file costs
+//! its own sample only.
 
-use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use image::RgbImage;
-use rayon::prelude::*;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use strat_geometry::{
-    CamToCam, DepthAxis, NOMINAL_BASELINE_M, depth_from_disparity_px, nominal_focal_px,
-    parse_velodyne, velodyne_depth,
+    CamToCam, DepthAxis, NOMINAL_BASELINE_M, ScanDepth, depth_from_disparity_px, nominal_focal_px,
 };
-use strat_splits::{DriveId, FrameId, Role, Split};
+use strat_splits::{FrameId, Role, Split};
 use strat_store::exr::DepthHeader;
-use strat_store::image_files::Codec;
-use strat_store::progress::Progress;
+use strat_store::image_files::{self, Codec};
 use strat_store::raster::Plane;
 use strat_store::resize::{self, Kernel};
-use strat_store::set::{
-    CameraEntry, Content, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample,
-};
-use strat_store::{files, image_files, yaml};
+use strat_store::set::{FORMAT, FileRef, Sample};
 
 use crate::disk::{free_bytes, human_bytes};
 use crate::error::{Error, Result};
 use crate::inventory::{Input, Inventory, Job};
-use crate::merge::{self, Shard};
-use crate::output::{self, FAILURES_SHOWN, Output, Piece, Stop, write_failures};
-pub use crate::output::{FAILURES, Failure, SETTINGS};
+use crate::merge::Shard;
+pub use crate::output::{FAILURES, Failure, Report, SETTINGS, Settings, check_output};
+use crate::output::{Made, Output, Piece, Run, Stop};
 use crate::raw::{Day, RawFolder};
 use crate::source::Source;
 use crate::stereo2015::camera_by_size;
-
-/// What every file of a set depends on. Sets of different settings do not mix.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Settings {
-    /// Version of the layout.
-    pub format: u32,
-    /// The split.
-    pub split: Split,
-    /// `kitti` or `rendered`.
-    pub source: String,
-    /// Width in pixels of the network-size images.
-    pub image_width: u32,
-    /// Height in pixels of the network-size images.
-    pub image_height: u32,
-    /// How they are made.
-    pub kernel: Kernel,
-    /// How they are stored: `png` or `jpeg-92`.
-    #[serde(serialize_with = "as_text", deserialize_with = "from_text")]
-    pub codec: Codec,
-}
-
-fn as_text<S: Serializer>(codec: &Codec, to: S) -> std::result::Result<S::Ok, S::Error> {
-    to.collect_str(codec)
-}
-
-fn from_text<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<Codec, D::Error> {
-    let text = String::deserialize(from)?;
-    text.parse().map_err(serde::de::Error::custom)
-}
 
 impl Settings {
     /// Settings of a set made from `raw`.
@@ -80,7 +39,7 @@ impl Settings {
         let source = if raw.rendered { "rendered" } else { "kitti" };
         Self {
             format: FORMAT,
-            split,
+            content: split.into(),
             source: source.to_owned(),
             image_width,
             image_height,
@@ -88,55 +47,6 @@ impl Settings {
             codec,
         }
     }
-}
-
-/// What a preparation did.
-#[derive(Debug)]
-pub struct Report {
-    /// The finished set.
-    pub set: PreparedSet,
-    /// What could not be used.
-    pub failures: Vec<Failure>,
-    /// Files written by this run.
-    pub written: u64,
-    /// Files an earlier run had written.
-    pub kept: u64,
-}
-
-/// Makes sure that `out` is new, empty or an earlier state of the same set, and lies in no input folder.
-///
-/// # Errors
-/// It is something else; the message says what and what to do.
-pub fn check_output(out: &Path, inputs: &[&Path], settings: &Settings) -> Result<()> {
-    let wrong = |problem: String| Error::Output {
-        path: out.to_owned(),
-        problem,
-    };
-    if !output::holds_a_set(out, inputs)? {
-        return Ok(());
-    }
-    let there: Settings = yaml::load(&out.join(SETTINGS))?;
-    if there.split != settings.split {
-        return Err(wrong(format!(
-            "this folder holds the {} split. The test images of one split are training images of the other, \
-             so a folder with both would leak them into training; give another folder for the {} split",
-            there.split, settings.split
-        )));
-    }
-    if there != *settings {
-        let state = |s: &Settings| {
-            format!(
-                "{} data at {}x{} by `{}` as {} (format {})",
-                s.source, s.image_width, s.image_height, s.kernel, s.codec, s.format
-            )
-        };
-        return Err(wrong(format!(
-            "this folder holds {}, not {}; give another folder or the same options",
-            state(&there),
-            state(settings)
-        )));
-    }
-    Ok(())
 }
 
 /// Bytes a pixel takes as PNG and as JPEG of quality 92, and a depth map takes; the least seen on
@@ -207,156 +117,37 @@ pub fn check_space(
     })
 }
 
-/// Makes everything the inventory found possible and writes the set, or, given a shard, what
-/// falls to it and its part of the tables (see [`merge`]).
+/// Makes everything the inventory found possible and writes the set or the part of it.
 ///
 /// # Errors
 /// The output cannot be written. Bad inputs are no error here: see [`Report::failures`].
-pub fn build(
-    out: &Path,
-    settings: &Settings,
-    raw: &RawFolder,
-    inventory: &Inventory,
-    shard: Option<Shard>,
-    threads: Option<usize>,
-    quiet: bool,
-) -> Result<Report> {
-    files::check_writable(out)?;
-    files::write_atomic(&out.join(SETTINGS), yaml::to_string(settings)?.as_bytes())?;
-
-    let workshop = Workshop {
-        files: Output::open(out),
-        settings,
-        raw,
-    };
-    let label = format!("prep {}", settings.split);
-    let jobs: Vec<&Job> = inventory
-        .jobs
-        .iter()
-        .filter(|job| shard.is_none_or(|shard| shard.has(&job.id)))
-        .collect();
-    let progress = Progress::new(&label, jobs.len() as u64, "pairs", quiet);
-    let told = AtomicU64::new(0);
-    let made: Vec<Made> = output::threads(threads)?.install(|| {
-        let work = jobs.par_iter().map(|job| {
-            let made = workshop.make(job)?;
-            for failure in &made.failures {
-                if told.fetch_add(1, Ordering::Relaxed) < FAILURES_SHOWN {
-                    progress.println(&format!(
-                        "{} {} skipped: {}",
-                        job.role, failure.id, failure.problem
-                    ));
-                }
-            }
-            progress.add(1);
-            Ok::<_, Error>(made)
-        });
-        work.collect::<Result<_>>()
-    })?;
-    progress.finish();
-
-    let mut samples: BTreeMap<Role, Vec<Sample>> = BTreeMap::new();
-    let mut failures = Vec::new();
-    for (job, made) in jobs.iter().zip(made) {
-        failures.extend(made.failures);
-        if let Some(sample) = made.sample {
-            samples.entry(job.role).or_default().push(sample);
-        }
-    }
+pub(crate) fn build(run: &Run<'_>, raw: &RawFolder, inventory: &Inventory) -> Result<Report> {
     // Archives and folders that cannot be read cost many samples at once, unless all of these are
-    // there elsewhere; of the parts of a set, the first tells of them.
-    if !inventory.is_complete() && shard.is_none_or(|shard| shard.index == 0) {
-        failures.extend(inventory.broken.iter().map(|(path, problem)| Failure {
-            role: None,
-            id: String::new(),
-            file: path.display().to_string(),
-            problem: problem.clone(),
-        }));
-    }
-    let results = Results {
-        expected: inventory
-            .counts
-            .iter()
-            .map(|(role, count)| (*role, count.expected))
-            .collect(),
-        samples,
-        failures,
+    // there elsewhere.
+    let broken = inventory.broken.iter().map(|(path, problem)| Failure {
+        role: None,
+        id: String::new(),
+        file: path.display().to_string(),
+        problem: problem.clone(),
+    });
+    let broken = match inventory.is_complete() {
+        true => Vec::new(),
+        false => broken.collect(),
     };
-    let set = match shard {
-        Some(shard) => merge::write_part(out, settings, shard, &results)?,
-        None => results.write(out, settings)?,
-    };
-    Ok(Report {
-        set,
-        failures: results.failures,
-        written: workshop.files.written(),
-        kept: workshop.files.kept_files(),
+    let expected = inventory.counts.iter();
+    let expected = expected.map(|(role, count)| (*role, count.expected));
+    run.make(expected.collect(), &inventory.jobs, broken, |files, job| {
+        let workshop = Workshop {
+            files,
+            settings: run.settings,
+            raw,
+        };
+        workshop.make(job)
     })
 }
 
-/// Everything the tables of a set are written from, in the order of the split.
-pub(crate) struct Results {
-    /// Samples of the whole split per role.
-    pub expected: BTreeMap<Role, u64>,
-    /// Samples made.
-    pub samples: BTreeMap<Role, Vec<Sample>>,
-    /// Inputs that could not be used.
-    pub failures: Vec<Failure>,
-}
-
-impl Results {
-    /// Writes the list of failures, the tables and, last, the manifest into `folder`.
-    pub fn write(&self, folder: &Path, settings: &Settings) -> Result<PreparedSet> {
-        let mut cameras: Vec<CameraEntry> = Vec::new();
-        for sample in self.samples.values().flatten() {
-            let camera = camera_entry(sample);
-            if !cameras.contains(&camera) {
-                cameras.push(camera);
-            }
-        }
-        cameras.sort_by(|a, b| {
-            a.name
-                .cmp(&b.name)
-                .then(a.width.cmp(&b.width))
-                .then(a.focal_px.total_cmp(&b.focal_px))
-        });
-        let counts = self.expected.iter().map(|(role, expected)| {
-            let found = self.samples.get(role).map_or(0, Vec::len) as u64;
-            (
-                *role,
-                Count {
-                    expected: *expected,
-                    found,
-                },
-            )
-        });
-        let manifest = Manifest {
-            format: FORMAT,
-            content: Content::from(settings.split),
-            split_digest: Some(strat_splits::digest(settings.split)),
-            source: settings.source.clone(),
-            image_width: settings.image_width,
-            image_height: settings.image_height,
-            kernel: settings.kernel,
-            codec: settings.codec.to_string(),
-            counts: counts.collect(),
-            failures: self.failures.len() as u64,
-            cameras,
-            tool_version: env!("CARGO_PKG_VERSION").to_owned(),
-            data_digest: String::new(),
-        };
-        write_failures(folder, &self.failures)?;
-        Ok(PreparedSet::write(folder, manifest, &self.samples)?)
-    }
-}
-
-struct Made {
-    sample: Option<Sample>,
-    failures: Vec<Failure>,
-}
-
 struct Workshop<'a> {
-    files: Output<'a>,
+    files: &'a Output<'a>,
     settings: &'a Settings,
     raw: &'a RawFolder,
 }
@@ -627,15 +418,19 @@ impl Workshop<'_> {
         if let (Some(velodyne), Some(camera)) = kept {
             return Ok((velodyne, camera));
         }
-        let bytes = scan.read().map_err(|e| Stop::input(scan, e))?;
-        let points =
-            parse_velodyne(&bytes).map_err(|e| Stop::input(scan, format!("{scan}: {e}")))?;
         let (width, height) = (cameras.width as usize, cameras.height as usize);
-        let depth = |axis| Plane {
+        let axes = [DepthAxis::VelodyneX, DepthAxis::CameraZ];
+        let mut depth = ScanDepth::new(projection, width, height, axes);
+        scan.read_in_pieces(|bytes| depth.add(bytes))
+            .map_err(|e| Stop::input(scan, e))?;
+        let depth = depth
+            .finish()
+            .map_err(|e| Stop::input(scan, format!("{scan}: {e}")))?;
+        let [along_scanner, along_camera] = depth.map(|data| Plane {
             width,
             height,
-            data: velodyne_depth(&points, projection, width, height, axis),
-        };
+            data,
+        });
         let header = |axis: &str| DepthHeader {
             source: "velodyne".to_owned(),
             axis: axis.to_owned(),
@@ -643,7 +438,6 @@ impl Workshop<'_> {
             baseline_m: cameras.baseline_m(),
             frame: format!("{drive}/{stem}"),
         };
-        let along_scanner = depth(DepthAxis::VelodyneX);
         if along_scanner.data.iter().all(|depth_m| *depth_m == 0.0) {
             return Err(Stop::input(
                 scan,
@@ -654,7 +448,7 @@ impl Workshop<'_> {
             self.files
                 .put_depth(velodyne, &along_scanner, &header("velodyne-x"))?,
             self.files
-                .put_depth(camera, &depth(DepthAxis::CameraZ), &header("camera-z"))?,
+                .put_depth(camera, &along_camera, &header("camera-z"))?,
         ))
     }
 
@@ -789,29 +583,11 @@ fn failure(job: &Job, stop: Stop) -> Result<Failure> {
     stop.failure(job.role, &job.id)
 }
 
-fn camera_entry(sample: &Sample) -> CameraEntry {
-    let name = match sample.drive().parse::<DriveId>() {
-        Ok(drive) => drive.date.to_string(),
-        Err(_) => sample.drive().to_owned(),
-    };
-    let Sample {
-        width,
-        height,
-        focal_px,
-        baseline_m,
-        ..
-    } = *sample;
-    CameraEntry {
-        name,
-        width,
-        height,
-        focal_px,
-        baseline_m,
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use strat_store::files;
+    use strat_store::set::Content;
+
     use super::*;
 
     #[test]
@@ -837,7 +613,7 @@ mod tests {
         inventory.jobs.extend((0..1000).map(job));
         let mut settings = Settings {
             format: FORMAT,
-            split: Split::Kitti,
+            content: Content::Kitti,
             source: "kitti".to_owned(),
             image_width: 512,
             image_height: 256,

@@ -14,7 +14,10 @@ use strat_splits::Role;
 use strat_store::set::{Content, FileRef, Sample};
 use strat_store::{files, image_files};
 
+use crate::build::Failure;
+use crate::cli;
 use crate::error::{Error, Result};
+use crate::raw;
 use crate::workshop::{self, Frame, Options, Piece, Stop, Workshop};
 
 const FOLDERS: [(&str, Role); 4] = [
@@ -48,7 +51,7 @@ struct Files {
 
 /// Prepares the set and returns the exit code.
 pub(crate) fn run(args: &Args) -> Result<u8> {
-    let frames = look_through(&args.root)?;
+    let (frames, failures) = look_through(&args.root)?;
     let mut expected = BTreeMap::new();
     for frame in &frames {
         *expected.entry(frame.role).or_default() += 1;
@@ -57,16 +60,20 @@ pub(crate) fn run(args: &Args) -> Result<u8> {
         Content::Cityscapes,
         &args.options,
         &[&args.root],
-        expected,
+        &expected,
         &frames,
-        Vec::new(),
+        failures,
         make,
     )?;
-    Ok(workshop::conclude(&report))
+    Ok(cli::conclude(
+        &args.options.out,
+        args.options.shard,
+        &report,
+    ))
 }
 
-/// The frames that have a left image, by role, city and name.
-fn look_through(root: &Path) -> Result<Vec<Frame<Files>>> {
+/// The frames that have a left image, by role, city and name, and the folders that cannot be read.
+fn look_through(root: &Path) -> Result<(Vec<Frame<Files>>, Vec<Failure>)> {
     let wrong = |problem: String| Error::Input {
         option: "--root",
         path: root.to_owned(),
@@ -81,6 +88,18 @@ fn look_through(root: &Path) -> Result<Vec<Frame<Files>>> {
         ));
     }
     let mut frames = Vec::new();
+    let mut failures = Vec::new();
+    let mut names = |folder: &Path| {
+        names(folder).unwrap_or_else(|problem| {
+            failures.push(Failure {
+                role: None,
+                id: String::new(),
+                file: folder.display().to_string(),
+                problem,
+            });
+            Vec::new()
+        })
+    };
     for (folder, role) in FOLDERS {
         for city in names(&left_root.join(folder)) {
             for name in names(&left_root.join(folder).join(&city)) {
@@ -109,6 +128,9 @@ fn look_through(root: &Path) -> Result<Vec<Frame<Files>>> {
         }
     }
     if frames.is_empty() {
+        if let Some(failure) = failures.first() {
+            return Err(wrong(failure.problem.clone()));
+        }
         return Err(wrong(
             "there are no images leftImg8bit/<train|train_extra|val|test>/<city>/*_leftImg8bit.png in it"
                 .to_owned(),
@@ -125,18 +147,19 @@ fn look_through(root: &Path) -> Result<Vec<Frame<Files>>> {
             )));
         }
     }
-    Ok(frames)
+    Ok((frames, failures))
 }
 
-/// Names in a folder, sorted; none if it cannot be read.
-fn names(folder: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut names: Vec<_> = entries
-        .filter_map(|entry| entry.file_name().into_string().ok())
-        .filter(|name| !name.starts_with('.'))
-        .collect();
-    names.sort();
-    names
+/// Names in a folder, sorted; none where there is no such folder.
+fn names(folder: &Path) -> std::result::Result<Vec<String>, String> {
+    match std::fs::metadata(folder) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Ok(metadata) if !metadata.is_dir() => return Ok(Vec::new()),
+        _ => {}
+    }
+    let mut names = raw::names(folder).map_err(|e| e.to_string())?;
+    names.retain(|name| !name.starts_with('.'));
+    Ok(names)
 }
 
 fn make(workshop: &Workshop<'_>, frame: &Frame<Files>) -> Piece<Sample> {

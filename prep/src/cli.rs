@@ -24,6 +24,7 @@ use crate::build::{self, FAILURES, Report, Settings};
 use crate::error::{Error, Result};
 use crate::inventory::{self, Inventory, Roles};
 use crate::merge::{self, Shard};
+use crate::output::Run;
 use crate::plan;
 use crate::raw::{RENDERED, RawFolder};
 use crate::stereo2015::{Kind, SceneFolder};
@@ -40,6 +41,8 @@ Examples:
   prep splits kitti                                               what the split consists of
   prep pairs --csv pairs.csv --out sets/own                       your own rectified pairs
   prep export sets/eigen --kind velodyne --format npz --out gt    ground truth for NumPy
+  prep pairs --csv pairs.csv --shard 0/8 --out sets/own           one of eight parts, on any machine
+  prep merge sets/own                                             one set of all parts
   prep synth --preset tiny --out world                            a rendered stand-in for KITTI
 
 A second run with the same options makes only what is missing.
@@ -297,17 +300,15 @@ fn prepare(
         ));
     }
     build::check_space(&common.out, &settings, inventory, common.shard)?;
-    let report = build::build(
-        &common.out,
-        &settings,
-        raw,
-        inventory,
-        common.shard,
-        common.jobs,
-        common.quiet,
-    )?;
-    conclude(&common.out, common.shard, &report);
-    Ok(u8::from(!report.failures.is_empty()))
+    let run = Run {
+        out: &common.out,
+        settings: &settings,
+        shard: common.shard,
+        threads: common.jobs,
+        quiet: common.quiet,
+    };
+    let report = build::build(&run, raw, inventory)?;
+    Ok(conclude(&common.out, common.shard, &report))
 }
 
 fn merge(out: &Path) -> Result<u8> {
@@ -318,12 +319,17 @@ fn merge(out: &Path) -> Result<u8> {
         written: 0,
         kept: 0,
     };
-    conclude(out, None, &report);
-    Ok(u8::from(!report.failures.is_empty()))
+    Ok(conclude(out, None, &report))
 }
 
-fn conclude(out: &Path, shard: Option<Shard>, report: &Report) {
+/// Prints what was made; 1 if something could not be used.
+pub(crate) fn conclude(out: &Path, shard: Option<Shard>, report: &Report) -> u8 {
     let manifest = &report.set.manifest;
+    let content = match manifest.content.split() {
+        Some(split) => format!("{split} split, {} data", manifest.source),
+        None => manifest.content.to_string(),
+    };
+    let out = out.display();
     say(inventory::summary(&manifest.counts));
     if report.written + report.kept > 0 {
         say(format_args!(
@@ -331,36 +337,24 @@ fn conclude(out: &Path, shard: Option<Shard>, report: &Report) {
             report.written, report.kept
         ));
     }
-    if let Some(shard) = shard {
-        say(format_args!(
-            "part {shard} of {} ({} split, {} data); when all parts are there: prep merge {}",
-            out.display(),
-            manifest.content,
-            manifest.source,
-            out.display()
-        ));
-        report_failures(report);
-        return;
+    match shard {
+        Some(shard) => say(format_args!(
+            "part {shard} of {out} ({content}); when all parts are there: prep merge {out}"
+        )),
+        None => {
+            say(format_args!("set {out} ({content})"));
+            say(format_args!("digest {}", manifest.data_digest));
+        }
     }
-    say(format_args!(
-        "set {} ({} split, {} data)",
-        out.display(),
-        manifest.content,
-        manifest.source
-    ));
-    say(format_args!("digest {}", manifest.data_digest));
-    report_failures(report);
-}
-
-fn report_failures(report: &Report) {
     if !report.failures.is_empty() {
         tell(format_args!(
-            "error: {} input files could not be used; they are listed in {}. Replace them and run the same \
+            "error: {} inputs could not be used; they are listed in {}. Put them right and run the same \
              command again: only what is missing is made.",
             report.failures.len(),
             report.set.root.join(FAILURES).display()
         ));
     }
+    u8::from(!report.failures.is_empty())
 }
 
 fn splits(split: Split, list: Option<Role>) {

@@ -11,13 +11,12 @@ use clap::ValueEnum;
 use strat_splits::Role;
 use strat_store::raster::Plane;
 use strat_store::set::{FileRef, PreparedSet, Sample};
-use strat_store::{exr, files, image_files};
+use strat_store::{exr, files, image_files, npy};
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
 use crate::cli::{parse_role, say, tell};
 use crate::error::{Error, Result};
-use crate::npy;
 
 /// Arguments of `prep export`.
 #[derive(Debug, clap::Args)]

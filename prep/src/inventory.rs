@@ -14,20 +14,13 @@ use strat_splits::{
 use strat_store::set::Count;
 
 use crate::annotated::AnnotatedFolder;
+use crate::output::Frame;
 use crate::raw::RawFolder;
 use crate::source::Source;
 use crate::stereo2015::SceneFolder;
 
 /// One sample to be made.
-#[derive(Debug)]
-pub struct Job {
-    /// Role in the split.
-    pub role: Role,
-    /// Name of the sample.
-    pub id: String,
-    /// Its input files.
-    pub input: Input,
-}
+pub type Job = Frame<Input>;
 
 /// Input files of a sample.
 #[derive(Debug)]

@@ -20,7 +20,6 @@ pub mod inventory;
 pub mod make3d;
 pub mod mat;
 pub mod merge;
-pub mod npy;
 mod output;
 pub mod pairs;
 pub mod plan;

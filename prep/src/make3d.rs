@@ -15,7 +15,7 @@ use strat_store::raster::Plane;
 use strat_store::set::{Content, Sample};
 
 use crate::build::Failure;
-use crate::cli::tell;
+use crate::cli::{self, tell};
 use crate::error::{Error, Result};
 use crate::mat::{self, Matrix};
 use crate::workshop::{self, Frame, Options, Piece, Stop, Workshop};
@@ -89,13 +89,13 @@ pub(crate) fn run(args: &Args) -> Result<u8> {
         Content::Make3d,
         &args.options,
         &[&args.images, &args.depth],
-        BTreeMap::from([(Role::Test, TEST_IMAGES)]),
+        &BTreeMap::from([(Role::Test, TEST_IMAGES)]),
         &frames,
         failures,
         make,
     )?;
-    let code = workshop::conclude(&report);
-    if !report.set.manifest.is_complete(Role::Test) {
+    let code = cli::conclude(&args.options.out, args.options.shard, &report);
+    if args.options.shard.is_none() && !report.set.manifest.is_complete(Role::Test) {
         tell(format_args!(
             "the published test set has {TEST_IMAGES} images; numbers from fewer are not comparable with it"
         ));

@@ -9,28 +9,44 @@
 //!
 //! Nothing here starts processes on other machines: that is the work of Slurm or any other queue.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use strat_splits::{Role, Split, test_ids, training, validation};
-use strat_store::set::{Manifest, PreparedSet, Sample};
+use strat_splits::{FrameId, Role, Split, test_ids, training, validation};
+use strat_store::set::{Manifest, PreparedSet};
 pub use strat_store::shard::{PARTS, Shard};
 use strat_store::{files, yaml};
 
-use crate::build::{FAILURES, Failure, Results, SETTINGS, Settings};
 use crate::error::{Error, Result};
+use crate::output::{self, FAILURES, Failure, Places, Results, SETTINGS, Settings};
+
+/// File of a part that lists the frames of the whole: role and name, in order.
+const FRAMES: &str = "frames.csv";
 
 /// Writes the tables of one part; the returned set is that part.
-pub(crate) fn write_part(
+///
+/// Of a split everyone knows the samples and their order. Of other collections the part says them,
+/// `frames`, so that it can be seen that all parts are of one list.
+pub(crate) fn write_part<'a>(
     out: &Path,
     settings: &Settings,
     shard: Shard,
+    frames: impl Iterator<Item = (Role, &'a str)>,
     results: &Results,
 ) -> Result<PreparedSet> {
     let folder = shard.folder(out);
     // An earlier manifest would call a half-written part complete.
     files::remove(&folder)?;
     files::check_writable(&folder)?;
+    if settings.content.split().is_none() {
+        files::write_atomic_with(&folder.join(FRAMES), |file| {
+            let mut table = csv::Writer::from_writer(file);
+            for frame in frames {
+                table.serialize(frame).map_err(std::io::Error::other)?;
+            }
+            table.flush()
+        })?;
+    }
     results.write(&folder, settings)
 }
 
@@ -103,12 +119,15 @@ fn open_parts(out: &Path, count: u32) -> (Vec<(Shard, PreparedSet)>, Vec<Shard>)
     (parts, lacking)
 }
 
-/// The contents of all parts in the order of the split.
+/// The contents of all parts in the order of the split or list.
 fn gather(
     parts: &[(Shard, PreparedSet)],
     settings: &Settings,
 ) -> std::result::Result<Results, String> {
-    let places = places(settings.split);
+    let places = match settings.content.split() {
+        Some(split) => places_of_split(split),
+        None => places_of_list(parts)?,
+    };
     let mut results = Results {
         expected: BTreeMap::new(),
         samples: BTreeMap::new(),
@@ -137,31 +156,47 @@ fn gather(
         }
         results.failures.extend(failures_of(part)?);
     }
-    let place = |role: Role, id: &str| places.get(&(role, id.to_owned())).copied();
-    for (role, samples) in &mut results.samples {
-        samples.sort_by_key(|sample: &Sample| place(*role, &sample.id));
-    }
-    // Archives and folders belong to no sample and come last, as in a single run.
-    results.failures.sort_by_key(|failure| {
-        failure
-            .role
-            .and_then(|role| place(role, &failure.id))
-            .map_or((1, 0), |place| (0, place))
-    });
+    results.sort(&places);
     Ok(results)
 }
 
 /// Position of every sample in the order in which a single run goes through the split.
-fn places(split: Split) -> HashMap<(Role, String), usize> {
-    let train = training(split)
-        .into_iter()
-        .map(|f| (Role::Train, f.to_string()));
-    let val = validation(split)
-        .into_iter()
-        .map(|f| (Role::Val, f.to_string()));
-    let test = test_ids(split).into_iter().map(|id| (Role::Test, id));
-    let all = train.chain(val).chain(test);
-    all.enumerate().map(|(place, name)| (name, place)).collect()
+fn places_of_split(split: Split) -> Places {
+    let frames = |frames: Vec<FrameId>| frames.iter().map(FrameId::to_string).collect();
+    let names: [(Role, Vec<String>); 3] = [
+        (Role::Train, frames(training(split))),
+        (Role::Val, frames(validation(split))),
+        (Role::Test, test_ids(split)),
+    ];
+    let names = names
+        .iter()
+        .flat_map(|(role, ids)| ids.iter().map(|id| (*role, &**id)));
+    output::places(names)
+}
+
+/// Position of every sample in the list that all parts were made from.
+fn places_of_list(parts: &[(Shard, PreparedSet)]) -> std::result::Result<Places, String> {
+    let read = |part: &PreparedSet| files::read(&part.root.join(FRAMES)).map_err(|e| e.to_string());
+    let Some((first, part)) = parts.first() else {
+        return Ok(Places::new());
+    };
+    let list = read(part)?;
+    for (shard, part) in parts {
+        if read(part)? != list {
+            return Err(format!(
+                "parts {first} and {shard} were made from different frames, so their inputs had changed \
+                 between them; run all parts again: finished files are kept"
+            ));
+        }
+    }
+    let mut table = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .from_reader(&*list);
+    let names: std::result::Result<Vec<(Role, String)>, _> = table.deserialize().collect();
+    let names = names.map_err(|e| format!("{FRAMES} of part {first} is damaged: {e}"))?;
+    Ok(output::places(
+        names.iter().map(|(role, id)| (*role, &**id)),
+    ))
 }
 
 /// Checks that a part was made with `settings` by this version; the samples it expects per role.
@@ -171,15 +206,15 @@ fn belongs(
     settings: &Settings,
 ) -> std::result::Result<BTreeMap<Role, u64>, String> {
     let wanted = (
-        Some(settings.split),
-        Some(strat_splits::digest(settings.split)),
+        settings.content,
+        settings.content.split().map(strat_splits::digest),
         settings.source.as_str(),
         (settings.image_width, settings.image_height),
         settings.kernel,
         settings.codec.to_string(),
     );
     let found = (
-        manifest.content.split(),
+        manifest.content,
         manifest.split_digest.clone(),
         manifest.source.as_str(),
         (manifest.image_width, manifest.image_height),

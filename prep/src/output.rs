@@ -1,21 +1,30 @@
-//! The folder a set is written to, whatever it is made of: whether it may be, the files that are
-//! there and those that are added, and what could not be used.
+//! The making of a set, whatever it is made of: whether its folder may be written to, its frames on
+//! many threads or in parts, the files that are there and those that are added, and what could not
+//! be used.
 //!
-//! What is made and from what is known to [`crate::build`] and to the modules of the collections.
+//! A frame is made by the module of its collection ([`crate::build`] for KITTI, else
+//! [`crate::workshop`] and its users); a bad input costs its own frame only.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::SystemTime;
 
-use serde::{Deserialize, Serialize};
-use strat_splits::Role;
+use rayon::prelude::*;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use strat_splits::{DriveId, Role};
 use strat_store::exr::{DepthHeader, encode_depth};
-use strat_store::files;
+use strat_store::image_files::Codec;
+use strat_store::progress::Progress;
 use strat_store::raster::Plane;
-use strat_store::set::{FileRef, PreparedSet};
+use strat_store::resize::Kernel;
+use strat_store::set::{
+    CameraEntry, Content, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample,
+};
+use strat_store::{files, yaml};
 
 use crate::error::{Error, Result};
+use crate::merge::{self, Shard};
 
 /// File that marks a folder as the output of a preparation, finished or not.
 pub const SETTINGS: &str = "settings.yaml";
@@ -24,7 +33,62 @@ pub const SETTINGS: &str = "settings.yaml";
 pub const FAILURES: &str = "failures.csv";
 
 /// Failures told one by one on stderr; the rest is in [`FAILURES`].
-pub(crate) const FAILURES_SHOWN: u64 = 20;
+const FAILURES_SHOWN: u64 = 20;
+
+/// What every file of a set depends on. Sets of different settings do not mix.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// Version of the layout.
+    pub format: u32,
+    /// What it is made of; `split` in the files of earlier versions.
+    #[serde(alias = "split")]
+    pub content: Content,
+    /// `kitti` or `rendered`; of other collections, their name.
+    pub source: String,
+    /// Width in pixels of the network-size images.
+    pub image_width: u32,
+    /// Height in pixels of the network-size images.
+    pub image_height: u32,
+    /// How they are made.
+    pub kernel: Kernel,
+    /// How they are stored: `png` or `jpeg-92`.
+    #[serde(serialize_with = "as_text", deserialize_with = "from_text")]
+    pub codec: Codec,
+}
+
+fn as_text<S: Serializer>(codec: &Codec, to: S) -> std::result::Result<S::Ok, S::Error> {
+    to.collect_str(codec)
+}
+
+fn from_text<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<Codec, D::Error> {
+    let text = String::deserialize(from)?;
+    text.parse().map_err(serde::de::Error::custom)
+}
+
+/// A frame to be made.
+#[derive(Debug)]
+pub struct Frame<T> {
+    /// What it is for.
+    pub role: Role,
+    /// Name of its sample.
+    pub id: String,
+    /// What it is made of.
+    pub input: T,
+}
+
+/// What a preparation did.
+#[derive(Debug)]
+pub struct Report {
+    /// The finished set, or part of one.
+    pub set: PreparedSet,
+    /// What could not be used.
+    pub failures: Vec<Failure>,
+    /// Files written by this run.
+    pub written: u64,
+    /// Files an earlier run had written.
+    pub kept: u64,
+}
 
 /// An input that could not be used.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -94,12 +158,50 @@ pub(crate) fn threads(jobs: Option<usize>) -> Result<rayon::ThreadPool> {
     })
 }
 
-/// Makes sure that `out` lies in no input folder and is new, empty, or the output of an earlier
-/// preparation; `true` for the last, whose settings are still to be compared.
+/// Makes sure that `out` is new, empty or an earlier state of the same set, and lies in no input folder.
 ///
 /// # Errors
 /// It is something else; the message says what and what to do.
-pub(crate) fn holds_a_set(out: &Path, inputs: &[&Path]) -> Result<bool> {
+pub fn check_output(out: &Path, inputs: &[&Path], settings: &Settings) -> Result<()> {
+    let wrong = |problem: String| Error::Output {
+        path: out.to_owned(),
+        problem,
+    };
+    if !holds_a_set(out, inputs)? {
+        return Ok(());
+    }
+    let there: Settings = yaml::load(&out.join(SETTINGS))?;
+    if let (Some(there), Some(split)) = (there.content.split(), settings.content.split())
+        && there != split
+    {
+        return Err(wrong(format!(
+            "this folder holds the {there} split. The test images of one split are training images of the other, \
+             so a folder with both would leak them into training; give another folder for the {split} split"
+        )));
+    }
+    if there != *settings {
+        let state = |s: &Settings| {
+            let data = match s.content.split() {
+                Some(_) => s.source.clone(),
+                None => s.content.to_string(),
+            };
+            format!(
+                "{data} data at {}x{} by `{}` as {} (format {})",
+                s.image_width, s.image_height, s.kernel, s.codec, s.format
+            )
+        };
+        return Err(wrong(format!(
+            "this folder holds {}, not {}; give another folder or the same options",
+            state(&there),
+            state(settings)
+        )));
+    }
+    Ok(())
+}
+
+/// Makes sure that `out` lies in no input folder and is new, empty, or the output of an earlier
+/// preparation; `true` for the last, whose settings are still to be compared.
+fn holds_a_set(out: &Path, inputs: &[&Path]) -> Result<bool> {
     let wrong = |problem: String| Error::Output {
         path: out.to_owned(),
         problem,
@@ -132,6 +234,197 @@ pub(crate) fn holds_a_set(out: &Path, inputs: &[&Path]) -> Result<bool> {
         ));
     }
     Ok(false)
+}
+
+/// How the frames of a set are made.
+pub(crate) struct Run<'a> {
+    pub out: &'a Path,
+    pub settings: &'a Settings,
+    /// Only what falls to it is made, and its part of the tables (see [`merge`]).
+    pub shard: Option<Shard>,
+    pub threads: Option<usize>,
+    pub quiet: bool,
+}
+
+/// What became of a frame: a sample, what could not be used, or both.
+#[derive(Default)]
+pub(crate) struct Made {
+    pub sample: Option<Sample>,
+    pub failures: Vec<Failure>,
+}
+
+impl Run<'_> {
+    /// Makes the frames and writes the set or the part of it. `expected` are the samples it should
+    /// have; `before` is what is known to be unusable before any frame was tried.
+    ///
+    /// # Errors
+    /// The output cannot be written, or `make` says so. Bad inputs are no error: see
+    /// [`Report::failures`].
+    pub fn make<T: Sync>(
+        &self,
+        expected: BTreeMap<Role, u64>,
+        frames: &[Frame<T>],
+        before: Vec<Failure>,
+        make: impl Fn(&Output<'_>, &Frame<T>) -> Result<Made> + Sync,
+    ) -> Result<Report> {
+        let Self {
+            out,
+            settings,
+            shard,
+            ..
+        } = *self;
+        files::check_writable(out)?;
+        files::write_atomic(&out.join(SETTINGS), yaml::to_string(settings)?.as_bytes())?;
+        let output = Output::open(out);
+        let mine: Vec<&Frame<T>> = frames
+            .iter()
+            .filter(|frame| shard.is_none_or(|shard| shard.has(&frame.id)))
+            .collect();
+        let label = format!("prep {}", settings.content);
+        let progress = Progress::new(&label, mine.len() as u64, "frames", self.quiet);
+        let told = AtomicU64::new(0);
+        let tell_of = |failure: &Failure| {
+            if told.fetch_add(1, Ordering::Relaxed) < FAILURES_SHOWN {
+                let role = failure.role.map_or("", Role::as_str);
+                let line = format!("{role} {} skipped: {}", failure.id, failure.problem);
+                progress.println(line.trim_start());
+            }
+        };
+        // Of the parts of a set, the first tells of what belongs to no frame.
+        let mut failures = match shard {
+            Some(shard) if shard.index != 0 => Vec::new(),
+            _ => before,
+        };
+        failures.iter().for_each(tell_of);
+        let made: Vec<Made> = threads(self.threads)?.install(|| {
+            let work = mine.par_iter().map(|frame| {
+                let made = make(&output, frame)?;
+                made.failures.iter().for_each(tell_of);
+                progress.add(1);
+                Ok::<_, Error>(made)
+            });
+            work.collect::<Result<_>>()
+        })?;
+        progress.finish();
+
+        let mut samples: BTreeMap<Role, Vec<Sample>> = BTreeMap::new();
+        for (frame, made) in mine.iter().zip(made) {
+            failures.extend(made.failures);
+            if let Some(sample) = made.sample {
+                samples.entry(frame.role).or_default().push(sample);
+            }
+        }
+        let mut results = Results {
+            expected,
+            samples,
+            failures,
+        };
+        let names = frames.iter().map(|frame| (frame.role, &*frame.id));
+        results.sort(&places(names.clone()));
+        let set = match shard {
+            Some(shard) => merge::write_part(out, settings, shard, names, &results)?,
+            None => results.write(out, settings)?,
+        };
+        Ok(Report {
+            set,
+            failures: results.failures,
+            written: output.written(),
+            kept: output.kept_files(),
+        })
+    }
+}
+
+/// The place of every frame in their list, by role and name.
+pub(crate) type Places = HashMap<(Role, String), usize>;
+
+pub(crate) fn places<'a>(names: impl Iterator<Item = (Role, &'a str)>) -> Places {
+    names
+        .enumerate()
+        .map(|(place, (role, id))| ((role, id.to_owned()), place))
+        .collect()
+}
+
+/// Everything the tables of a set are written from.
+pub(crate) struct Results {
+    /// Samples the set should have per role.
+    pub expected: BTreeMap<Role, u64>,
+    /// Samples made.
+    pub samples: BTreeMap<Role, Vec<Sample>>,
+    /// Inputs that could not be used.
+    pub failures: Vec<Failure>,
+}
+
+impl Results {
+    /// Brings everything into the order of the frames. Failures of no frame, as archives and lines
+    /// of a list, come last.
+    pub fn sort(&mut self, places: &Places) {
+        let place = |role: Role, id: &str| places.get(&(role, id.to_owned())).copied();
+        for (role, samples) in &mut self.samples {
+            samples.sort_by_cached_key(|sample| place(*role, &sample.id));
+        }
+        self.failures.sort_by_cached_key(|failure| {
+            failure
+                .role
+                .and_then(|role| place(role, &failure.id))
+                .map_or((1, 0), |place| (0, place))
+        });
+    }
+
+    /// Writes the list of failures, the tables and, last, the manifest into `folder`.
+    pub fn write(&self, folder: &Path, settings: &Settings) -> Result<PreparedSet> {
+        let counts = self.expected.iter().map(|(role, expected)| {
+            let found = self.samples.get(role).map_or(0, Vec::len) as u64;
+            let expected = *expected;
+            (*role, Count { expected, found })
+        });
+        let manifest = Manifest {
+            format: FORMAT,
+            content: settings.content,
+            split_digest: settings.content.split().map(strat_splits::digest),
+            source: settings.source.clone(),
+            image_width: settings.image_width,
+            image_height: settings.image_height,
+            kernel: settings.kernel,
+            codec: settings.codec.to_string(),
+            counts: counts.collect(),
+            failures: self.failures.len() as u64,
+            cameras: cameras(settings.content, self.samples.values().flatten()),
+            tool_version: env!("CARGO_PKG_VERSION").to_owned(),
+            data_digest: String::new(),
+        };
+        write_failures(folder, &self.failures)?;
+        Ok(PreparedSet::write(folder, manifest, &self.samples)?)
+    }
+}
+
+/// The different cameras of the samples, sorted; those that are not known are left out.
+fn cameras<'a>(content: Content, samples: impl Iterator<Item = &'a Sample>) -> Vec<CameraEntry> {
+    let mut cameras: Vec<CameraEntry> = Vec::new();
+    for sample in samples.filter(|sample| sample.focal_px > 0.0) {
+        let name = match (content.split(), sample.drive().parse::<DriveId>()) {
+            (None, _) => content.to_string(),
+            (Some(_), Ok(drive)) => drive.date.to_string(),
+            (Some(_), Err(_)) => sample.drive().to_owned(),
+        };
+        let camera = CameraEntry {
+            name,
+            width: sample.width,
+            height: sample.height,
+            focal_px: sample.focal_px,
+            baseline_m: sample.baseline_m,
+        };
+        if !cameras.contains(&camera) {
+            cameras.push(camera);
+        }
+    }
+    cameras.sort_by(|a, b| {
+        let numbers = |c: &CameraEntry| (c.width, c.height);
+        (a.name.cmp(&b.name))
+            .then(numbers(a).cmp(&numbers(b)))
+            .then(a.focal_px.total_cmp(&b.focal_px))
+            .then(a.baseline_m.total_cmp(&b.baseline_m))
+    });
+    cameras
 }
 
 /// The files of a set while it is made.
@@ -224,7 +517,7 @@ fn known_hashes(out: &Path) -> HashMap<String, String> {
 }
 
 /// Writes the list of failures, or removes that of an earlier run if there are none.
-pub(crate) fn write_failures(out: &Path, failures: &[Failure]) -> Result<()> {
+fn write_failures(out: &Path, failures: &[Failure]) -> Result<()> {
     let path = out.join(FAILURES);
     if failures.is_empty() {
         return Ok(files::remove(&path)?);

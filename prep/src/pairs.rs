@@ -13,11 +13,11 @@ use strat_splits::Role;
 use strat_store::exr::{self, DepthHeader};
 use strat_store::raster::Plane;
 use strat_store::set::{Content, FileRef, Sample};
-use strat_store::{files, image_files};
+use strat_store::{files, image_files, npy};
 
 use crate::build::Failure;
+use crate::cli;
 use crate::error::{Error, Result};
-use crate::npy;
 use crate::workshop::{self, Frame, Options, Piece, Stop, Workshop};
 
 const REQUIRED: [&str; 4] = ["left", "right", "focal_px", "baseline_m"];
@@ -120,12 +120,16 @@ pub(crate) fn run(args: &Args) -> Result<u8> {
         Content::Pairs,
         &args.options,
         &[],
-        expected,
+        &expected,
         &frames,
         failures,
         |workshop, frame| make(workshop, folder, &args.csv, frame),
     )?;
-    Ok(workshop::conclude(&report))
+    Ok(cli::conclude(
+        &args.options.out,
+        args.options.shard,
+        &report,
+    ))
 }
 
 /// How pairs are drawn.

@@ -200,6 +200,9 @@ impl Found {
 
     fn add_drive(&mut self, id: DriveId, folder: &Path) {
         self.drives.entry(id).or_default();
+        if self.noted(folder).is_none() {
+            return;
+        }
         for (kind, (name, endings)) in KINDS.iter().enumerate() {
             // Some copies leave out the level `data`.
             for place in [folder.join(name).join("data"), folder.join(name)] {
@@ -357,8 +360,11 @@ fn list(folder: &Path) -> std::io::Result<Vec<String>> {
     names(folder)
 }
 
+/// The names in a folder, sorted. One whose names alone may be read is refused too: what is in it
+/// would look as if it were missing.
 pub(crate) fn names(folder: &Path) -> std::io::Result<Vec<String>> {
     let read = || {
+        std::fs::metadata(folder.join("."))?;
         let entries = std::fs::read_dir(folder)?;
         let mut names = Vec::new();
         for entry in entries {

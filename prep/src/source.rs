@@ -22,6 +22,9 @@ use zip::{CompressionMethod, ZipArchive};
 /// larger would only fill memory.
 pub const MAX_ENTRY: u64 = 64 << 20;
 
+/// Bytes of a file read at once by [`Source::read_in_pieces`]; whole points of a scan.
+const PIECE: usize = 64 << 10;
+
 /// First bytes and length of a local file header (APPNOTE.TXT 4.3.7).
 const LOCAL_HEADER: (&[u8], usize) = (b"PK\x03\x04", 30);
 
@@ -75,6 +78,35 @@ impl Source {
                 source,
             }),
         }
+    }
+
+    /// The whole content in order, piece by piece: of a file, in pieces small enough to stay in the
+    /// caches until `take` is done with them.
+    ///
+    /// # Errors
+    /// As [`Source::read`]; pieces may have been taken before.
+    pub fn read_in_pieces(&self, mut take: impl FnMut(&[u8])) -> strat_store::Result<()> {
+        let Self::File(path) = self else {
+            take(&self.read()?);
+            return Ok(());
+        };
+        let mut pieces = || {
+            let mut file = File::open(path)?;
+            let mut piece = vec![0; PIECE];
+            loop {
+                match file.read(&mut piece) {
+                    Ok(0) => return Ok(()),
+                    Ok(length) => take(&piece[..length]),
+                    Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                    Err(e) => return Err(e),
+                }
+            }
+        };
+        pieces().map_err(|source| strat_store::Error::Io {
+            action: "read",
+            path: path.clone(),
+            source,
+        })
     }
 
     /// What follows the last dot of its name.

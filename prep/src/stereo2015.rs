@@ -72,6 +72,14 @@ impl SceneFolder {
         let training = root.join("training");
         let mut packed = BTreeMap::new();
         let mut broken = Vec::new();
+        let folders = needed.iter().map(|name| training.join(name));
+        for folder in std::iter::once(training.clone()).chain(folders) {
+            if let Err(error) = names(&folder)
+                && error.kind() == std::io::ErrorKind::PermissionDenied
+            {
+                broken.push((folder, error.to_string()));
+            }
+        }
         for path in archives(root, archive) {
             match source::entries(&path, |name| below_training(name).is_some()) {
                 Ok(entries) => packed.extend(entries.into_iter().filter_map(|entry| {

@@ -265,9 +265,14 @@ fn raw(folder: &RawFolder, args: &Args, report: &mut Report) {
             ("scans", Form::Scan, |raw, frame| raw.scan(frame)),
         ];
         for (kind, form, look) in kinds {
-            let files: Vec<_> = drive
+            // Nobody has the scans that KITTI itself lacks.
+            let never =
+                |frame: &FrameId| kind == "scans" && drive.missing_scans.contains(&frame.index);
+            let files = drive
                 .frame_ids()
-                .map(|frame| (frame.stem(), look(folder, frame).cloned()))
+                .map(|frame| (frame, look(folder, frame).cloned()))
+                .filter(|(frame, file)| file.is_some() || !never(frame))
+                .map(|(frame, file)| (frame.stem(), file))
                 .collect();
             work.push((Finding::new(drive.id.to_string(), kind), form, files));
         }

@@ -1,33 +1,25 @@
-//! What the collections beside KITTI share: settings of their sets, the frames of a set made on
-//! many threads, files kept from an earlier run, failures that cost one frame only.
+//! What the collections beside KITTI share: their options, and pictures that may be cropped.
 //!
-//! KITTI itself, with archives, shards and splits, is [`crate::build`].
+//! KITTI itself, with archives and splits, is [`crate::build`].
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Component, Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::SystemTime;
 
 use image::RgbImage;
 use image::imageops;
-use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use strat_splits::Role;
+use strat_store::files;
 use strat_store::image_files::{self, Codec};
-use strat_store::progress::Progress;
 use strat_store::resize::{self, Kernel};
-use strat_store::set::{
-    CameraEntry, Content, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample,
-};
-use strat_store::{files, yaml};
+use strat_store::set::{Content, FORMAT, FileRef, Sample};
 
-use crate::build::{FAILURES, Failure, Report, SETTINGS};
-use crate::cli::{parse_jobs, say, tell};
-use crate::error::{Error, Result};
-use crate::inventory::summary;
-use crate::output::{self, FAILURES_SHOWN, Output, write_failures};
-pub(crate) use crate::output::{Piece, Stop};
+use crate::cli::parse_jobs;
+use crate::error::Result;
+use crate::merge::Shard;
+use crate::output::{self, Failure, Made, Output, Report, Run, Settings};
+pub(crate) use crate::output::{Frame, Piece, Stop};
 use crate::source::Source;
 
 /// Options of every collection.
@@ -45,6 +37,9 @@ pub(crate) struct Options {
     /// How network-size images are stored: png (without loss) or jpeg-QUALITY, e.g. jpeg-92.
     #[arg(long, value_name = "CODEC", default_value_t = Codec::Png)]
     pub codec: Codec,
+    /// Prepare only one of N parts, numbered from 0; `prep merge` makes a set of all of them.
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<Shard>,
     /// Threads to use [default: all cores].
     #[arg(long, value_name = "N", value_parser = parse_jobs)]
     pub jobs: Option<usize>,
@@ -54,27 +49,6 @@ pub(crate) struct Options {
     /// Folder to write to: new, empty, or of an earlier run with the same options.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-}
-
-/// What every file of such a set depends on. Sets of different settings do not mix.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Settings {
-    format: u32,
-    content: Content,
-    image_width: u32,
-    image_height: u32,
-    kernel: Kernel,
-    codec: String,
-}
-
-/// A frame to be made.
-#[derive(Debug)]
-pub(crate) struct Frame<T> {
-    pub role: Role,
-    /// Unique, and a path of ordinary parts: see [`check_id`].
-    pub id: String,
-    pub input: T,
 }
 
 /// Whether an id can be part of file names of a set on every system.
@@ -96,159 +70,47 @@ pub(crate) fn check_id(id: &str) -> std::result::Result<(), String> {
     ))
 }
 
-/// Makes sure that `out` is new, empty or an earlier state of the same set, and in no input folder.
-fn check_output(out: &Path, inputs: &[&Path], settings: &Settings) -> Result<()> {
-    if !output::holds_a_set(out, inputs)? {
-        return Ok(());
-    }
-    match yaml::load::<Settings>(&out.join(SETTINGS)) {
-        Ok(before) if before == *settings => Ok(()),
-        _ => Err(Error::Output {
-            path: out.to_owned(),
-            problem: format!(
-                "this folder holds a set of other data or made with other options ({SETTINGS} in it \
-                 says which); give another folder or the same options"
-            ),
-        }),
-    }
-}
-
-/// Makes all frames and writes the set. `before` are failures found before any frame was tried,
-/// with which `expected` counts where their role is known.
+/// Makes all frames and writes the set, or the part of it that is asked for. `before` are failures
+/// found before any frame was tried, with which `expected` counts where their role is known.
 ///
 /// # Errors
-/// The output cannot be written or nothing could be made. Bad inputs alone are no error here.
+/// The output cannot be written. Bad inputs alone are no error here.
 pub(crate) fn build<T: Sync>(
     content: Content,
     options: &Options,
     inputs: &[&Path],
-    expected: BTreeMap<Role, u64>,
+    expected: &BTreeMap<Role, u64>,
     frames: &[Frame<T>],
     before: Vec<Failure>,
     make: impl Fn(&Workshop<'_>, &Frame<T>) -> Piece<Sample> + Sync,
 ) -> Result<Report> {
-    let out = &*options.out;
     let settings = Settings {
         format: FORMAT,
         content,
-        image_width: options.width,
-        image_height: options.height,
-        kernel: options.kernel,
-        codec: options.codec.to_string(),
-    };
-    check_output(out, inputs, &settings)?;
-    files::check_writable(out)?;
-    files::write_atomic(&out.join(SETTINGS), yaml::to_string(&settings)?.as_bytes())?;
-    let workshop = Workshop {
-        options,
-        files: Output::open(out),
-    };
-    let label = format!("prep {content}");
-    let progress = Progress::new(&label, frames.len() as u64, "frames", options.quiet);
-    let told = AtomicU64::new(0);
-    let tell_of = |failure: &Failure| {
-        if told.fetch_add(1, Ordering::Relaxed) < FAILURES_SHOWN {
-            progress.println(&format!("skipped {}: {}", failure.id, failure.problem));
-        }
-    };
-    before.iter().for_each(tell_of);
-    let pool = output::threads(options.jobs)?;
-    let made: Vec<std::result::Result<Sample, Failure>> = pool.install(|| {
-        let work = frames.par_iter().map(|frame| {
-            let made = match make(&workshop, frame) {
-                Ok(sample) => Ok(sample),
-                Err(stop) => {
-                    let failure = stop.failure(frame.role, &frame.id)?;
-                    tell_of(&failure);
-                    Err(failure)
-                }
-            };
-            progress.add(1);
-            Ok(made)
-        });
-        work.collect::<Result<_>>()
-    })?;
-    progress.finish();
-
-    let mut samples: BTreeMap<Role, Vec<Sample>> = BTreeMap::new();
-    let mut failures = before;
-    for (frame, made) in frames.iter().zip(made) {
-        match made {
-            Ok(sample) => samples.entry(frame.role).or_default().push(sample),
-            Err(failure) => failures.push(failure),
-        }
-    }
-    let counts = Role::ALL.into_iter().map(|role| {
-        let found = samples.get(&role).map_or(0, Vec::len) as u64;
-        let expected = expected.get(&role).copied().unwrap_or(0);
-        (role, Count { expected, found })
-    });
-    let manifest = Manifest {
-        format: FORMAT,
-        content,
-        split_digest: None,
         source: content.to_string(),
         image_width: options.width,
         image_height: options.height,
         kernel: options.kernel,
-        codec: settings.codec.clone(),
-        counts: counts.collect(),
-        failures: failures.len() as u64,
-        cameras: cameras(content, samples.values().flatten()),
-        tool_version: env!("CARGO_PKG_VERSION").to_owned(),
-        data_digest: String::new(),
+        codec: options.codec,
     };
-    write_failures(out, &failures)?;
-    let set = PreparedSet::write(out, manifest, &samples)?;
-    Ok(Report {
-        set,
-        failures,
-        written: workshop.files.written(),
-        kept: workshop.files.kept_files(),
+    output::check_output(&options.out, inputs, &settings)?;
+    let run = Run {
+        out: &options.out,
+        settings: &settings,
+        shard: options.shard,
+        threads: options.jobs,
+        quiet: options.quiet,
+    };
+    let expected = Role::ALL.map(|role| (role, expected.get(&role).copied().unwrap_or(0)));
+    run.make(expected.into(), frames, before, |files, frame| {
+        let workshop = Workshop { options, files };
+        let mut made = Made::default();
+        match make(&workshop, frame) {
+            Ok(sample) => made.sample = Some(sample),
+            Err(stop) => made.failures.push(stop.failure(frame.role, &frame.id)?),
+        }
+        Ok(made)
     })
-}
-
-/// The different cameras of the samples; those that are not known are left out.
-fn cameras<'a>(content: Content, samples: impl Iterator<Item = &'a Sample>) -> Vec<CameraEntry> {
-    let mut cameras = BTreeMap::new();
-    for sample in samples.filter(|sample| sample.focal_px > 0.0) {
-        let numbers = [sample.focal_px.to_bits(), sample.baseline_m.to_bits()];
-        let entry = CameraEntry {
-            name: content.to_string(),
-            width: sample.width,
-            height: sample.height,
-            focal_px: sample.focal_px,
-            baseline_m: sample.baseline_m,
-        };
-        cameras.insert((sample.width, sample.height, numbers), entry);
-    }
-    cameras.into_values().collect()
-}
-
-/// Prints what was made; 1 if something could not be used.
-pub(crate) fn conclude(report: &Report) -> u8 {
-    let root = &report.set.root;
-    let manifest = &report.set.manifest;
-    say(summary(&manifest.counts));
-    say(format_args!(
-        "{} files written, {} kept",
-        report.written, report.kept
-    ));
-    say(format_args!(
-        "set {} ({})",
-        root.display(),
-        manifest.content
-    ));
-    say(format_args!("digest {}", manifest.data_digest));
-    if !report.failures.is_empty() {
-        tell(format_args!(
-            "error: {} inputs could not be used; they are listed in {}. Put them right and run the same \
-             command again: only what is missing is made.",
-            report.failures.len(),
-            root.join(FAILURES).display()
-        ));
-    }
-    u8::from(!report.failures.is_empty())
 }
 
 /// A picture in the set, and the size in pixels of what it was made from, after cropping.
@@ -265,7 +127,7 @@ pub(crate) type Crop = fn((u32, u32)) -> std::result::Result<Range<u32>, String>
 pub(crate) struct Workshop<'a> {
     options: &'a Options,
     /// The files of the set.
-    pub files: Output<'a>,
+    pub files: &'a Output<'a>,
 }
 
 impl Workshop<'_> {

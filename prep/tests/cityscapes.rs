@@ -1,5 +1,7 @@
 //! `prep cityscapes` on tiny files in Cityscapes' layout.
 
+mod parts;
+
 use std::path::Path;
 
 use assert_cmd::Command;
@@ -158,4 +160,24 @@ fn what_is_missing_or_contradictory_is_named() {
         code == 2 && err.contains("lies inside the input folder"),
         "{err}"
     );
+}
+
+#[test]
+fn merged_parts_are_the_set_of_a_single_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    for number in 0..9 {
+        let place = [("train", "aachen"), ("val", "lindau"), ("test", "berlin")];
+        let (folder, city) = place[number as usize % 3];
+        frame(root, folder, city, number);
+    }
+    let broken = "rightImg8bit/val/lindau/lindau_000004_000019_rightImg8bit.png";
+    write(&root.join(broken), b"no picture");
+    parts::assert_parts_make_the_whole(1, |out, more| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_prep"));
+        command.args(["cityscapes", "--width", "16", "--height", "8", "--quiet"]);
+        command.arg("--root").arg(root);
+        command.args(more).arg("--out").arg(out);
+        command
+    });
 }

@@ -515,7 +515,7 @@ fn broken_inputs_are_named_and_the_rest_is_kept() {
             "train 2011_09_26_drive_0001/0000000004 skipped: ",
             "0000000004.png is not a usable image: it is truncated",
             "0000000003.bin: a Velodyne scan is rows",
-            "2 input files could not be used",
+            "2 inputs could not be used",
         ],
     );
     let failures = std::fs::read_to_string(world.path("out/failures.csv")).unwrap();
@@ -907,7 +907,7 @@ fn every_kind_of_bad_input_is_a_sentence() {
         world.write(&name, content);
         let outcome = world.eigen(&format!("out-{number}"), &["--allow-missing"]);
         assert_eq!(outcome.code, 1, "{part}: {}", outcome.stderr);
-        assert_has(&outcome.stderr, &[part, "1 input files could not be used"]);
+        assert_has(&outcome.stderr, &[part, "1 inputs could not be used"]);
         assert_has(&outcome.stdout, &["val 1 of 330"]);
         world.write(&name, good);
     }
@@ -954,6 +954,205 @@ fn odd_places_are_no_trouble() {
     let outcome = prep(&[&["eigen", "--raw", raw, "--out", out], &sizes[..]].concat());
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     assert_same_tree(&world.path("whole"), Path::new(out));
+}
+
+/// `prep` as a user to whom permissions apply, which they do not to the superuser; `None` where that
+/// cannot be done. The program is copied to where everyone may read it.
+#[cfg(unix)]
+fn as_nobody(world: &World, args: &[&str]) -> Option<Outcome> {
+    use std::os::unix::fs::PermissionsExt;
+    use std::os::unix::process::CommandExt;
+
+    const NOBODY: u32 = 65534;
+    let program = world.path("prep");
+    if !program.exists() {
+        std::fs::copy(env!("CARGO_BIN_EXE_prep"), &program).unwrap();
+        std::fs::set_permissions(world.0.path(), PermissionsExt::from_mode(0o777)).unwrap();
+    }
+    let closed = world.path("closed");
+    std::fs::create_dir_all(&closed).unwrap();
+    std::fs::set_permissions(&closed, PermissionsExt::from_mode(0o000)).unwrap();
+    let mut command = std::process::Command::new(&program);
+    command.args(args);
+    if std::fs::read_dir(&closed).is_ok() {
+        command.gid(NOBODY).uid(NOBODY);
+    }
+    let output = match command.output() {
+        Ok(output) => output,
+        Err(error) => {
+            eprintln!(
+                "skipped: cannot run {} as another user: {error}",
+                program.display()
+            );
+            return None;
+        }
+    };
+    Some(Outcome {
+        code: output.status.code().unwrap(),
+        stdout: String::from_utf8(output.stdout).unwrap(),
+        stderr: String::from_utf8(output.stderr).unwrap(),
+    })
+}
+
+#[test]
+#[cfg(unix)]
+fn what_may_not_be_read_is_named_and_the_rest_is_made() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let world = World::new();
+    let allow = |name: &str, mode: u32| {
+        std::fs::set_permissions(world.path(name), PermissionsExt::from_mode(mode)).unwrap();
+    };
+    let run = |out: &str| {
+        let (raw, out) = (world.path("raw"), world.path(out));
+        let [raw, out] = [&raw, &out].map(|path| path.to_str().unwrap());
+        let sizes = [
+            "--width",
+            "32",
+            "--height",
+            "16",
+            "--allow-missing",
+            "--quiet",
+        ];
+        as_nobody(
+            &world,
+            &[&["eigen", "--raw", raw, "--out", out], &sizes[..]].concat(),
+        )
+    };
+    let drive = format!("raw/{DRIVE_2}");
+    let scans = format!("raw/{DRIVE_2}/velodyne_points/data");
+    let image = format!("raw/{DRIVE_1}/image_03/data/0000000004.png");
+    for (number, (name, file)) in [(&drive, false), (&scans, false), (&image, true)]
+        .into_iter()
+        .enumerate()
+    {
+        allow(name, 0o000);
+        let outcome = run(&format!("out-{number}"));
+        allow(name, if file { 0o644 } else { 0o755 });
+        let Some(outcome) = outcome else { return };
+        assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+        assert_has(&outcome.stderr, &[name, "Permission denied"]);
+        assert_has(&outcome.stdout, &["val 1 of 330"]);
+        let failures = world.path(&format!("out-{number}/failures.csv"));
+        let failures = std::fs::read_to_string(failures).unwrap();
+        assert_has(&failures, &[name, "Permission denied"]);
+    }
+
+    allow("raw", 0o000);
+    let outcome = run("none").unwrap();
+    allow("raw", 0o755);
+    assert_eq!(outcome.code, 2, "{}", outcome.stderr);
+    assert_has(
+        &outcome.stderr,
+        &["cannot list the folder", "Permission denied"],
+    );
+    // Names can be listed, but nothing behind them looked at.
+    allow("raw", 0o444);
+    let outcome = run("none").unwrap();
+    allow("raw", 0o755);
+    assert_eq!(outcome.code, 2, "{}", outcome.stderr);
+    assert_has(
+        &outcome.stderr,
+        &["cannot list the folder", "Permission denied"],
+    );
+
+    let noc = "stereo/training/disp_noc_0";
+    let [raw, stereo, out] = ["raw", "stereo", "scenes"].map(|name| world.path(name));
+    let [raw, stereo, out] = [&raw, &stereo, &out].map(|path| path.to_str().unwrap());
+    allow(noc, 0o000);
+    let args = [
+        "kitti",
+        "--raw",
+        raw,
+        "--stereo2015",
+        stereo,
+        "--out",
+        out,
+        "--allow-missing",
+    ];
+    let outcome = as_nobody(&world, &args);
+    allow(noc, 0o755);
+    let outcome = outcome.unwrap();
+    assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+    assert_has(&outcome.stderr, &[noc, "Permission denied"]);
+
+    let city = "cityscapes/leftImg8bit/train/aachen";
+    let files = [
+        (format!("{city}/aachen_000000_000019_leftImg8bit.png"), 40),
+        (
+            city.replace("aachen", "bochum") + "/bochum_000000_000019_leftImg8bit.png",
+            41,
+        ),
+    ];
+    for (name, seed) in &files {
+        let png = image_files::encode_png_rgb(&picture(*seed));
+        world.write(name, &png);
+        world.write(&name.replace("left", "right"), &png);
+        let camera = name
+            .replace("leftImg8bit.png", "camera.json")
+            .replace("leftImg8bit", "camera");
+        world.write(
+            &camera,
+            br#"{"extrinsic": {"baseline": 0.2}, "intrinsic": {"fx": 44.2}}"#,
+        );
+    }
+    allow(city, 0o000);
+    let (root, out) = (world.path("cityscapes"), world.path("city-set"));
+    let args = ["cityscapes", "--quiet", "--root", root.to_str().unwrap()];
+    let outcome = as_nobody(
+        &world,
+        &[&args[..], &["--out", out.to_str().unwrap()]].concat(),
+    );
+    allow(city, 0o755);
+    let outcome = outcome.unwrap();
+    assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+    assert_has(&outcome.stderr, &[city, "Permission denied"]);
+    assert_has(&outcome.stdout, &["train 1 of 1 pairs"]);
+
+    std::fs::create_dir(world.path("theirs")).unwrap();
+    allow("theirs", 0o555);
+    let outcome = run("theirs/set").unwrap();
+    assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+    assert_has(&outcome.stderr, &["theirs/set", "Permission denied"]);
+    assert!(!world.path("none").exists());
+}
+
+/// KITTI has no scans 177 to 180 of this drive, so nobody can download them.
+#[test]
+fn scans_that_never_were_are_not_missing() {
+    let world = World::new();
+    let drive = "2011_09_26/2011_09_26_drive_0009_sync";
+    for frame in 175..183 {
+        for side in [2, 3] {
+            let name = format!("raw/{drive}/image_0{side}/data/{frame:010}.png");
+            world.write(&name, &image_files::encode_png_rgb(&picture(frame + side)));
+        }
+        if !(177..=180).contains(&frame) {
+            let name = format!("raw/{drive}/velodyne_points/data/{frame:010}.bin");
+            world.write(&name, &scan());
+        }
+    }
+    let raw = world.path("raw").display().to_string();
+    let outcome = prep(&["verify", "--json", "--quiet", "--raw", &raw]);
+    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    let findings = report["findings"].as_array().unwrap();
+    let scans = findings
+        .iter()
+        .find(|finding| finding["place"] == "2011_09_26_drive_0009" && finding["kind"] == "scans");
+    let scans = scans.unwrap();
+    assert_eq!(
+        (&scans["expected"], &scans["good"]),
+        (&443.into(), &4.into())
+    );
+    let missing = scans["missing"].to_string();
+    assert!(missing.contains("0000000183"), "{missing}");
+    for never in 177..=180 {
+        assert!(!missing.contains(&format!("{never:010}")), "{missing}");
+    }
+    // None of them is a test frame of either split, so a preparation has nothing to say of them.
+    let outcome = world.eigen("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(!outcome.stderr.contains("0000000177"), "{}", outcome.stderr);
 }
 
 #[test]

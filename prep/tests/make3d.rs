@@ -1,5 +1,7 @@
 //! `prep make3d` on one made-up picture and grid in Make3D's layout.
 
+mod parts;
+
 use std::io::Write;
 use std::path::Path;
 
@@ -162,4 +164,29 @@ fn damaged_and_lonely_files_are_named() {
     let (code, _, err) = prep(root);
     assert!(code == 2 && err.starts_with("error: --depth"), "{err}");
     assert!(!root.join("set").exists());
+}
+
+#[test]
+fn merged_parts_are_the_set_of_a_single_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    let grid = mat("Position3DGrid", [55, 305, 4], &grid());
+    let image = RgbImage::from_fn(1704, 2272, |x, y| Rgb([x as u8, y as u8, 0]));
+    let jpeg = image_files::encode_jpeg_rgb(&image, 60);
+    for stem in ["a", "b", "c", "d", "e"] {
+        write(&root.join(format!("Test134/img-{stem}.jpg")), &jpeg);
+        // One picture has no grid.
+        if stem != "b" {
+            let name = format!("Gridlaserdata/depth_sph_corr-{stem}.mat");
+            write(&root.join(name), &grid);
+        }
+    }
+    parts::assert_parts_make_the_whole(1, |out, more| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_prep"));
+        command.args(["make3d", "--width", "32", "--height", "16", "--quiet"]);
+        command.arg("--images").arg(root.join("Test134"));
+        command.arg("--depth").arg(root.join("Gridlaserdata"));
+        command.args(more).arg("--out").arg(out);
+        command
+    });
 }

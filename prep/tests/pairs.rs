@@ -1,5 +1,7 @@
 //! `prep pairs` and `prep export` on tiny pairs made up by closed formulas.
 
+mod parts;
+
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
@@ -168,6 +170,42 @@ fn depth_is_read_from_npy_and_exr_and_scaled() {
         let file = set.path(sample.depth_camera.as_ref().unwrap());
         assert_eq!(exr::read_depth(&file).unwrap().0, plane, "{}", sample.id);
     }
+}
+
+#[test]
+fn merged_parts_are_the_set_of_a_single_run() {
+    let world = World::new();
+    world.write("d/1.png", &disparity_png(|i| i as u16));
+    let mut csv = "id,left,right,focal_px,baseline_m,split,disparity\n".to_owned();
+    for i in 0..12 {
+        let role = ["train", "val", "test"][i % 3];
+        let (image, gone) = (i % 4, if i == 7 { "x" } else { "" });
+        csv += &format!(
+            "p{i},links/Bild {image}.png{gone},rechts/Bild {image}.png,700,0.5,{role},d/1.png\n"
+        );
+    }
+    // Bad lines belong to no part: one without a name, one of a name that is there already.
+    csv += ",,,,,,\np3,links/Bild 0.png,rechts/Bild 0.png,700,0.5,train,\n";
+    world.write("pairs.csv", csv.as_bytes());
+    let list = world.root().join("pairs.csv");
+    let command = |out: &Path, more: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_prep"));
+        command.arg("pairs").args(SIZE).args(more);
+        command.arg("--csv").arg(&list).arg("--out").arg(out);
+        command
+    };
+    parts::assert_parts_make_the_whole(1, command);
+
+    // A list that has changed between the parts is no list of one set.
+    let out = world.out();
+    command(&out, &["--shard", "0/2"]).output().unwrap();
+    world.write("pairs.csv", csv.replace("p0,", "first,").as_bytes());
+    command(&out, &["--shard", "1/2"]).output().unwrap();
+    let refused = parts::merge(&out);
+    let told = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2), "{told}");
+    assert!(told.contains("made from different frames"), "{told}");
+    assert!(!out.join("manifest.yaml").exists());
 }
 
 #[test]

@@ -1,10 +1,12 @@
 //! Sets made in parts, sets made by killed runs, and `prep verify`, on a small rendered world.
 
-use std::collections::BTreeMap;
+mod parts;
+
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::OnceLock;
 
+use parts::{assert_same_files, tree};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
@@ -45,32 +47,6 @@ fn kitti(out: &Path, more: &[&str]) -> Command {
     command.arg("--semantics").arg(world.join("kitti2015"));
     command.args(more);
     command
-}
-
-/// Every file below `root` by name.
-fn tree(root: &Path) -> BTreeMap<String, Vec<u8>> {
-    let mut files = BTreeMap::new();
-    let mut folders = vec![root.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                let name = path.strip_prefix(root).unwrap().display().to_string();
-                files.insert(name, std::fs::read(path).unwrap());
-            }
-        }
-    }
-    files
-}
-
-fn assert_same_files(a: &Path, b: &Path) {
-    let (a, b) = (tree(a), tree(b));
-    assert!(a.keys().eq(b.keys()), "{:?}\n{:?}", a.keys(), b.keys());
-    for (name, bytes) in &a {
-        assert!(*bytes == b[name], "{name} differs");
-    }
 }
 
 /// A folder for outputs, and in it a set that one undisturbed run made.

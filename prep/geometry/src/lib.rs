@@ -5,11 +5,12 @@
 //! files and knows no splits. Projection is done in `f64`.
 
 mod calibration;
+mod frustum;
 mod stereo;
 mod velodyne;
 
 pub use calibration::{CalibrationError, CamToCam, VeloToCam};
 pub use stereo::{NOMINAL_BASELINE_M, depth_from_disparity_px, nominal_focal_px};
 pub use velodyne::{
-    DepthAxis, ScanError, parse_velodyne, velodyne_depth, velodyne_points, velodyne_projection,
+    DepthAxis, ScanDepth, ScanError, parse_velodyne, velodyne_depth, velodyne_projection,
 };

@@ -6,9 +6,8 @@
 //! ([`DepthAxis::CameraZ`] is the right one), and its search for points falling on one pixel
 //! also merges the last pixel of a row with the first of the next.
 
-use std::borrow::Borrow;
-
 use crate::calibration::{CamToCam, VeloToCam};
+use crate::frustum::{BLOCK, Frustum};
 
 /// A scan that cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -41,29 +40,8 @@ pub enum DepthAxis {
 /// # Errors
 /// The bytes are not a whole, positive number of points.
 pub fn parse_velodyne(bytes: &[u8]) -> Result<Vec<[f32; 4]>, ScanError> {
-    Ok(velodyne_points(bytes)?.collect())
-}
-
-/// As [`parse_velodyne`], point by point without a copy of the scan.
-///
-/// # Errors
-/// The bytes are not a whole, positive number of points.
-pub fn velodyne_points(
-    bytes: &[u8],
-) -> Result<impl ExactSizeIterator<Item = [f32; 4]> + Clone, ScanError> {
-    let (points, rest) = bytes.as_chunks::<16>();
-    if !rest.is_empty() {
-        return Err(ScanError::Truncated { bytes: bytes.len() });
-    }
-    if points.is_empty() {
-        return Err(ScanError::Empty);
-    }
-    let number = |p: &[u8; 16], i: usize| {
-        f32::from_le_bytes([p[4 * i], p[4 * i + 1], p[4 * i + 2], p[4 * i + 3]])
-    };
-    Ok(points
-        .iter()
-        .map(move |p| std::array::from_fn(|i| number(p, i))))
+    check_length(bytes.len())?;
+    Ok(bytes.as_chunks().0.iter().map(point).collect())
 }
 
 /// The matrix from homogeneous Velodyne points to homogeneous pixels of the left camera:
@@ -81,88 +59,248 @@ pub fn velodyne_projection(cam: &CamToCam, velo: &VeloToCam) -> [[f64; 4]; 3] {
     product(&product(&cam.p_rect_02, &rectify), &transform)
 }
 
-/// The depth image of a scan: `width * height` values in metres, row by row, 0 where nothing was measured.
-///
-/// `projection` comes from [`velodyne_projection`]. Points behind the scanner (x < 0) are
-/// dropped; pixels are 1-based in the projection and rounded half to even; of several
-/// points on a pixel the nearest stays. Negative depths become 0.
-///
-/// `points` are those of [`parse_velodyne`] or [`velodyne_points`].
-pub fn velodyne_depth<P: Borrow<[f32; 4]>>(
-    points: impl IntoIterator<Item = P>,
+/// The depth image of a scan: see [`ScanDepth`], which takes a scan piece by piece.
+pub fn velodyne_depth(
+    points: &[[f32; 4]],
     projection: &[[f64; 4]; 3],
     width: usize,
     height: usize,
     axis: DepthAxis,
 ) -> Vec<f32> {
-    let mut depth_m = vec![0.0_f32; width * height];
-    if depth_m.is_empty() {
-        return Vec::new();
-    }
-    let (columns, rows) = (width as f64, height as f64);
-    // Hits of the first and the last column, where points of two pixels share a search key.
-    let mut sides = Vec::new();
-    // Inner pixels that a point without a positive depth fell on: nothing is nearer than that.
-    let mut blank = Vec::new();
-    for point in points {
-        let [x, y, z, _] = *point.borrow();
-        if x.is_nan() || x < 0.0 {
-            continue;
-        }
-        let point = [f64::from(x), f64::from(y), f64::from(z), 1.0];
-        let [u, v, w] = projection
-            .map(|row| row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3]);
-        // Most points lie far outside the image; these comparisons cost less than the divisions.
-        if w > 0.0 && (u < 0.0 || v < 0.0 || u > (columns + 1.0) * w || v > (rows + 1.0) * w) {
-            continue;
-        }
-        let (u, v) = (u / w, v / w);
-        if !(u >= 0.0 && v >= 0.0 && u <= columns + 1.0 && v <= rows + 1.0) {
-            continue;
-        }
-        let (column, row) = (half_to_even(u) - 1.0, half_to_even(v) - 1.0);
-        if column < 0.0 || row < 0.0 || column >= columns || row >= rows {
-            continue;
-        }
-        let (column, row) = (column as usize, row as usize);
-        let pixel = row * width + column;
-        // Rounding keeps the order, so the nearest of the rounded is the rounded nearest.
-        let value = match axis {
-            DepthAxis::VelodyneX => x,
-            DepthAxis::CameraZ => w as f32,
-        };
-        if column == 0 || column == width - 1 {
-            sides.push((row * (width - 1) + column, pixel, value));
-        } else if value > 0.0 {
-            let nearest = &mut depth_m[pixel];
-            *nearest = if *nearest == 0.0 {
-                value
-            } else {
-                nearest.min(value)
-            };
-        } else {
-            blank.push(pixel);
-        }
-    }
-    for pixel in blank {
-        depth_m[pixel] = 0.0;
-    }
-    // Last in file order stays, then the first pixel of a key is given the nearest of the key.
-    for &(_, pixel, value) in &sides {
-        depth_m[pixel] = value.max(0.0);
-    }
-    sides.sort_by_key(|(key, ..)| *key);
-    for group in sides.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() > 1) {
-        let nearest = group
-            .iter()
-            .fold(f32::INFINITY, |least, hit| least.min(hit.2));
-        depth_m[group[0].1] = nearest.max(0.0);
-    }
+    let mut scan = ScanDepth::new(projection, width, height, [axis]);
+    scan.add_points(points);
+    let [depth_m] = scan.images();
     depth_m
 }
 
-/// Rounds half to even. Exact for what passes the comparisons before it, which is far below 2^51
-/// in size; without SSE4.1 the standard method is a library call.
+/// Depth images of a scan that is given piece by piece, so that it is projected while it is
+/// in the caches and never needs to be in memory as a whole.
+///
+/// An image has `width * height` values in metres, row by row, 0 where nothing was measured. Points
+/// behind the scanner (x < 0) are dropped; pixels are 1-based in the projection and rounded half to
+/// even; of several points on a pixel the nearest stays. Negative depths become 0.
+#[derive(Debug, Clone)]
+pub struct ScanDepth<const N: usize> {
+    projection: [[f64; 4]; 3],
+    frustum: Frustum,
+    width: usize,
+    height: usize,
+    images: [Image; N],
+    /// Hits of the first and the last column, where points of two pixels share a search key:
+    /// pixel and a value for each image.
+    sides: Vec<(usize, [f32; N])>,
+    /// Bytes taken, and those of them that are the beginning of a point.
+    bytes: usize,
+    begun: [u8; POINT],
+}
+
+#[derive(Debug, Clone)]
+struct Image {
+    axis: DepthAxis,
+    depth_m: Vec<f32>,
+    /// Inner pixels that a point without a positive depth fell on: nothing is nearer than that.
+    blank: Vec<usize>,
+}
+
+/// Bytes of a point.
+const POINT: usize = 16;
+
+/// Where a point falls is a number, so that many are found at once: that of its pixel, and these.
+const SIDE: f64 = 0.5;
+const OUTSIDE: f64 = -1.0;
+
+impl<const N: usize> ScanDepth<N> {
+    /// No points yet; `axes` says what the values of each image are, and `projection` comes from
+    /// [`velodyne_projection`].
+    pub fn new(
+        projection: &[[f64; 4]; 3],
+        width: usize,
+        height: usize,
+        axes: [DepthAxis; N],
+    ) -> Self {
+        Self {
+            projection: *projection,
+            frustum: Frustum::new(projection, width, height),
+            width,
+            height,
+            images: axes.map(|axis| Image {
+                axis,
+                depth_m: vec![0.0; width * height],
+                blank: Vec::new(),
+            }),
+            sides: Vec::new(),
+            bytes: 0,
+            begun: [0; POINT],
+        }
+    }
+
+    /// Takes the next bytes of the scan, in the layout of [`parse_velodyne`]. Pieces may end
+    /// anywhere; whole numbers of points are fastest.
+    pub fn add(&mut self, mut bytes: &[u8]) {
+        let begun = self.bytes % POINT;
+        self.bytes += bytes.len();
+        if begun > 0 {
+            let (end, rest) = bytes.split_at(bytes.len().min(POINT - begun));
+            self.begun[begun..begun + end.len()].copy_from_slice(end);
+            if begun + end.len() < POINT {
+                return;
+            }
+            self.add_points(&[point(&self.begun)]);
+            bytes = rest;
+        }
+        let (points, rest) = bytes.as_chunks::<POINT>();
+        let (blocks, last) = points.as_chunks::<BLOCK>();
+        for block in blocks {
+            let mut points = [[0.0; 4]; BLOCK];
+            for (to, from) in points.iter_mut().zip(block) {
+                *to = point(from);
+            }
+            self.add_block(&points);
+        }
+        self.add_points(&last.iter().map(point).collect::<Vec<_>>());
+        self.begun[..rest.len()].copy_from_slice(rest);
+    }
+
+    /// The images in the order of their axes.
+    ///
+    /// # Errors
+    /// The bytes added were not a whole, positive number of points.
+    pub fn finish(self) -> Result<[Vec<f32>; N], ScanError> {
+        check_length(self.bytes)?;
+        Ok(self.images())
+    }
+
+    fn add_points(&mut self, points: &[[f32; 4]]) {
+        let (blocks, rest) = points.as_chunks::<BLOCK>();
+        for block in blocks {
+            self.add_block(block);
+        }
+        if !rest.is_empty() {
+            // The rest of the block is filled with points that are dropped.
+            let mut block = [[-1.0; 4]; BLOCK];
+            block[..rest.len()].copy_from_slice(rest);
+            self.add_block(&block);
+        }
+    }
+
+    /// A scan is in the order of its sweep, so most blocks lie behind the scanner or beside the image
+    /// as a whole; these cost little.
+    #[inline(always)]
+    fn add_block(&mut self, points: &[[f32; 4]; BLOCK]) {
+        let mut axes = [[0.0; BLOCK]; 3];
+        let mut front = false;
+        for (at, point) in points.iter().enumerate() {
+            (axes[0][at], axes[1][at], axes[2][at]) = (point[0], point[1], point[2]);
+            front |= point[0] >= 0.0;
+        }
+        if !front {
+            return;
+        }
+        let shown = self.frustum.may_show(&axes);
+        if shown != [false; BLOCK] {
+            self.project(&axes, &shown);
+        }
+    }
+
+    /// Projects a block; written so that everything up to the pixels is done for many points at once.
+    fn project(&mut self, [xs, ys, zs]: &[[f32; BLOCK]; 3], shown: &[bool; BLOCK]) {
+        let [first, second, third] = self.projection;
+        let (columns, rows) = (self.width as f64, self.height as f64);
+        let mut places = [0.0; BLOCK];
+        let mut ws = [0.0; BLOCK];
+        for at in 0..BLOCK {
+            let (x, y, z) = (f64::from(xs[at]), f64::from(ys[at]), f64::from(zs[at]));
+            let u = first[0] * x + first[1] * y + first[2] * z + first[3];
+            let v = second[0] * x + second[1] * y + second[2] * z + second[3];
+            let w = third[0] * x + third[1] * y + third[2] * z + third[3];
+            let (column, row) = (half_to_even(u / w), half_to_even(v / w));
+            let inside = (column >= 1.0) & (column <= columns) & (row >= 1.0) & (row <= rows);
+            let inner = (column > 1.0) & (column < columns);
+            let pixel = (row - 1.0) * columns + (column - 1.0);
+            let place = if inner { pixel } else { pixel + SIDE };
+            places[at] = if inside { place } else { OUTSIDE };
+            ws[at] = w;
+        }
+        for at in 0..BLOCK {
+            if shown[at] & (places[at] >= 0.0) {
+                self.hit(places[at], xs[at], ws[at] as f32);
+            }
+        }
+    }
+
+    /// `place` is the number of a pixel, plus [`SIDE`] in the first and the last column.
+    #[inline(always)]
+    fn hit(&mut self, place: f64, velodyne_x_m: f32, camera_z_m: f32) {
+        let pixel = place as usize;
+        // Rounding keeps the order, so the nearest of the rounded is the rounded nearest.
+        let value = |axis| match axis {
+            DepthAxis::VelodyneX => velodyne_x_m,
+            DepthAxis::CameraZ => camera_z_m,
+        };
+        if place != pixel as f64 {
+            let values = std::array::from_fn(|at| value(self.images[at].axis));
+            self.sides.push((pixel, values));
+            return;
+        }
+        for image in &mut self.images {
+            let value = value(image.axis);
+            let nearest = &mut image.depth_m[pixel];
+            if value > 0.0 {
+                // Positive numbers are ordered as their bits are; less one, 0 is the largest.
+                let order = |depth_m: f32| depth_m.to_bits().wrapping_sub(1);
+                let least = order(*nearest).min(order(value));
+                *nearest = f32::from_bits(least.wrapping_add(1));
+            } else {
+                image.blank.push(pixel);
+            }
+        }
+    }
+
+    fn images(mut self) -> [Vec<f32>; N] {
+        for image in &mut self.images {
+            for pixel in image.blank.drain(..) {
+                image.depth_m[pixel] = 0.0;
+            }
+        }
+        // Last in file order stays, then the first pixel of a key is given the nearest of the key.
+        let mut set = |pixel: usize, values: [f32; N]| {
+            for (image, value) in self.images.iter_mut().zip(values) {
+                image.depth_m[pixel] = value.max(0.0);
+            }
+        };
+        for &(pixel, values) in &self.sides {
+            set(pixel, values);
+        }
+        let width = self.width;
+        let key = |(pixel, _): &(usize, _)| pixel / width * (width - 1) + pixel % width;
+        self.sides.sort_by_key(key);
+        let groups = self.sides.chunk_by(|a, b| key(a) == key(b));
+        for group in groups.filter(|group| group.len() > 1) {
+            let nearest = group.iter().fold([f32::INFINITY; N], |nearest, hit| {
+                std::array::from_fn(|at| nearest[at].min(hit.1[at]))
+            });
+            set(group[0].0, nearest);
+        }
+        self.images.map(|image| image.depth_m)
+    }
+}
+
+fn check_length(bytes: usize) -> Result<(), ScanError> {
+    match bytes {
+        0 => Err(ScanError::Empty),
+        _ if bytes.is_multiple_of(POINT) => Ok(()),
+        _ => Err(ScanError::Truncated { bytes }),
+    }
+}
+
+#[inline]
+fn point(bytes: &[u8; POINT]) -> [f32; 4] {
+    let (numbers, _) = bytes.as_chunks::<4>();
+    std::array::from_fn(|at| f32::from_le_bytes(numbers[at]))
+}
+
+/// Rounds half to even. Exact below 2^51 in size, and what is larger stays larger than any image;
+/// without SSE4.1 the standard method is a library call.
 fn half_to_even(number: f64) -> f64 {
     const SHIFT: f64 = 6_755_399_441_055_744.0;
     number + SHIFT - SHIFT
@@ -193,13 +331,13 @@ mod tests {
             [20.0, 0.0, 0.0, 0.5],
             [-5.0, 0.0, 0.0, 0.1],
         ];
-        let depth = velodyne_depth(points, &PLAIN, 9, 8, DepthAxis::VelodyneX);
+        let depth = velodyne_depth(&points, &PLAIN, 9, 8, DepthAxis::VelodyneX);
         // 5.5 -> 6 and 4.5 -> 4, minus the one of 1-based pixels: row 3, column 5
         assert_eq!(depth[3 * 9 + 5], 10.0);
         assert_eq!(depth.iter().filter(|d| **d > 0.0).count(), 1);
         let swapped = [points[1], points[0]];
         assert_eq!(
-            velodyne_depth(swapped, &PLAIN, 9, 8, DepthAxis::VelodyneX),
+            velodyne_depth(&swapped, &PLAIN, 9, 8, DepthAxis::VelodyneX),
             depth
         );
     }
@@ -217,7 +355,7 @@ mod tests {
             ]
         };
         let points = [pixel_row_col(0.0, 2.0, 16.0), pixel_row_col(1.0, 0.0, 8.0)];
-        let depth = velodyne_depth(points, &PLAIN, 3, 2, DepthAxis::VelodyneX);
+        let depth = velodyne_depth(&points, &PLAIN, 3, 2, DepthAxis::VelodyneX);
         assert_eq!(depth, [0.0, 0.0, 8.0, 8.0, 0.0, 0.0]);
     }
 
@@ -265,6 +403,32 @@ mod tests {
     }
 
     #[test]
+    fn a_scan_in_pieces_is_the_whole_scan() {
+        let cam = CamToCam::parse(CAM).unwrap();
+        let projection = velodyne_projection(&cam, &VeloToCam::parse(VELO).unwrap());
+        let points = &closed_form_cloud()[..2005];
+        let bytes: Vec<u8> = points
+            .as_flattened()
+            .iter()
+            .flat_map(|n| n.to_le_bytes())
+            .collect();
+        let axes = [DepthAxis::VelodyneX, DepthAxis::CameraZ];
+        let whole = axes.map(|axis| velodyne_depth(points, &projection, 1242, 375, axis));
+        for size in [1, 7, 16, 100, 256, 4099, bytes.len()] {
+            let mut scan = ScanDepth::new(&projection, 1242, 375, axes);
+            for piece in bytes.chunks(size) {
+                scan.add(piece);
+            }
+            assert_eq!(scan.finish().unwrap(), whole, "pieces of {size} bytes");
+        }
+        let mut cut = ScanDepth::new(&projection, 1242, 375, axes);
+        cut.add(&bytes[..17]);
+        assert_eq!(cut.finish(), Err(ScanError::Truncated { bytes: 17 }));
+        let none = ScanDepth::new(&projection, 1242, 375, axes);
+        assert_eq!(none.finish(), Err(ScanError::Empty));
+    }
+
+    #[test]
     fn odd_points_and_images_do_no_harm() {
         let points = [
             [f32::NAN, 0.0, 0.0, 0.0],
@@ -274,14 +438,14 @@ mod tests {
             [f32::MAX, f32::MIN, 0.0, 0.0],
         ];
         assert!(
-            velodyne_depth(points, &PLAIN, 9, 8, DepthAxis::VelodyneX)
+            velodyne_depth(&points, &PLAIN, 9, 8, DepthAxis::VelodyneX)
                 .iter()
                 .all(|d| *d == 0.0)
         );
-        assert!(velodyne_depth(points, &PLAIN, 0, 8, DepthAxis::VelodyneX).is_empty());
+        assert!(velodyne_depth(&points, &PLAIN, 0, 8, DepthAxis::VelodyneX).is_empty());
         assert_eq!(
             velodyne_depth(
-                [[1.0_f32, 0.45, 0.35, 0.0]],
+                &[[1.0_f32, 0.45, 0.35, 0.0]],
                 &PLAIN,
                 1,
                 1,
@@ -368,6 +532,18 @@ mod tests {
         }
     }
 
+    fn odd_number() -> impl Strategy<Value = f32> {
+        prop_oneof![
+            4 => -3.0_f32..3.0,
+            2 => (-3_i8..4).prop_map(f32::from),
+            2 => (-149_i32..128, any::<bool>()).prop_map(|(power, negative)| {
+                let size = 2.0_f64.powi(power) as f32;
+                if negative { -size } else { size }
+            }),
+            1 => any::<f32>(),
+        ]
+    }
+
     proptest! {
         #[test]
         fn no_depth_is_negative_or_farther_than_its_points(
@@ -399,6 +575,74 @@ mod tests {
                 prop_assert_eq!(
                     velodyne_depth(&points, &projection, width, height, axis),
                     step_by_step(&points, &projection, (width, height), axis)
+                );
+            }
+        }
+
+        /// Points within a few roundings of the edges of the image, near and far, in front of the camera
+        /// and behind it, where passing one over too early would show.
+        #[test]
+        fn points_on_the_edges_of_an_image_are_not_lost(
+            points in prop::collection::vec(
+                (0..4_usize, 0.0_f64..1.0, -26_i32..20, any::<bool>(), prop::array::uniform3(-2_i32..3)),
+                1..60,
+            ),
+            (width, height) in (1_usize..2000, 1_usize..500),
+            tilt in prop::array::uniform3(-0.02_f64..0.02),
+        ) {
+            let (focal_px, w, h) = (721.5377, width as f64, height as f64);
+            let (cx, cy) = (0.49 * w, 0.46 * h);
+            // Camera axes from the scanner's by a small rotation and shift, as KITTI's rig has them.
+            let projection = [
+                [cx, -focal_px, focal_px * tilt[0], 44.9 - 0.27 * cx],
+                [cy, focal_px * tilt[1], -focal_px, -0.22 - 0.27 * cy],
+                [1.0, tilt[2], tilt[0], -0.27],
+            ];
+            let points: Vec<[f32; 4]> = points
+                .into_iter()
+                .filter_map(|(edge, along, power, behind, ulps)| {
+                    // The ray through a place on the edge, by Cramer's rule in y and z for a given x.
+                    let (u, v) = match edge {
+                        0 => (0.5, 0.5 + along * h),
+                        1 => (w + 0.5, 0.5 + along * h),
+                        2 => (0.5 + along * w, 0.5),
+                        _ => (0.5 + along * w, h + 0.5),
+                    };
+                    let x = if behind { 0.2 * along } else { 0.27 + 2.0_f64.powi(power) };
+                    let x = f64::from(x as f32);
+                    let [a, b] = [(u, 0), (v, 1)].map(|(place, row)| {
+                        std::array::from_fn::<f64, 4, _>(|k| projection[row][k] - place * projection[2][k])
+                    });
+                    let (p, q) = (-(a[0] * x + a[3]), -(b[0] * x + b[3]));
+                    let scale = a[1] * b[2] - a[2] * b[1];
+                    let (y, z) = ((p * b[2] - q * a[2]) / scale, (a[1] * q - b[1] * p) / scale);
+                    let near = |number: f64, ulps: i32| {
+                        let number = number as f32;
+                        f32::from_bits(number.to_bits().saturating_add_signed(ulps))
+                    };
+                    let point = [near(x, ulps[0]), near(y, ulps[1]), near(z, ulps[2]), 0.0];
+                    point.iter().all(|n| n.is_finite()).then_some(point)
+                })
+                .collect();
+            for axis in [DepthAxis::VelodyneX, DepthAxis::CameraZ] {
+                prop_assert_eq!(
+                    velodyne_depth(&points, &projection, width, height, axis),
+                    step_by_step(&points, &projection, (width, height), axis)
+                );
+            }
+        }
+
+        /// Coefficients and coordinates of all sizes, infinite and no numbers among them.
+        #[test]
+        fn images_equal_the_definition_for_any_numbers(
+            points in prop::collection::vec(prop::array::uniform4(odd_number()), 0..40),
+            numbers in prop::array::uniform12(odd_number()),
+        ) {
+            let projection = [0, 4, 8].map(|at| [0, 1, 2, 3].map(|k| f64::from(numbers[at + k])));
+            for axis in [DepthAxis::VelodyneX, DepthAxis::CameraZ] {
+                prop_assert_eq!(
+                    velodyne_depth(&points, &projection, 5, 4, axis),
+                    step_by_step(&points, &projection, (5, 4), axis)
                 );
             }
         }

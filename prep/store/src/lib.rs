@@ -3,13 +3,15 @@
 //!
 //! `prep` writes a prepared set, `train` and `bench` read it; this crate alone owns its
 //! format ([`set`]). The parts it is made of can be used one by one: [`image_files`] and
-//! [`resize`] for pictures, [`exr`] for depth, [`files`] for writing, [`yaml`] for
-//! configuration, [`progress`] for long jobs, [`shard`] for divided ones. It knows nothing about where data comes from.
+//! [`resize`] for pictures, [`exr`] for depth, [`npy`] for NumPy's arrays, [`files`] for writing,
+//! [`yaml`] for configuration, [`progress`] for long jobs, [`shard`] for divided ones. It knows
+//! nothing about where data comes from.
 
 mod error;
 pub mod exr;
 pub mod files;
 pub mod image_files;
+pub mod npy;
 pub mod progress;
 pub mod raster;
 pub mod resize;

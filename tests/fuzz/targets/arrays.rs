@@ -7,7 +7,8 @@ use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
 use strat_bench::saved::SavedPredictions;
-use strat_prep::{mat, npy, source};
+use strat_prep::{mat, source};
+use strat_store::npy;
 use strat_store::set::{Content, FileRef, Sample};
 use tempfile::TempDir;
 

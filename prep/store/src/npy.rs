@@ -1,0 +1,429 @@
+//! NumPy's `.npy`: one map of floats, or many of one size read one by one.
+//!
+//! The format is NumPy's (numpy.lib.format, versions 1 to 3): a magic, a length, a Python literal of
+//! three keys, then the values. A header is believed only as far as the bytes behind it go, so a
+//! damaged file costs no memory. Only 32- and 64-bit floats are read, other types are refused and
+//! not converted; pickled objects are never looked into. Problems are sentences that do not name the
+//! file.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+
+/// A map as read: width, height and values row by row.
+pub type Array = (usize, usize, Vec<f64>);
+
+/// First bytes of every file.
+const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// Longest header read; NumPy's own is below 200 bytes.
+const LONGEST_HEADER: usize = 4096;
+
+/// Most bytes before the values: magic, version, length and header.
+const LONGEST_START: usize = LONGEST_HEADER + 12;
+
+/// What is said before the values.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Header {
+    value_bytes: usize,
+    big_endian: bool,
+    /// The first index varies fastest.
+    fortran_order: bool,
+    shape: Vec<usize>,
+    /// Bytes before the values.
+    start: usize,
+}
+
+impl Header {
+    /// Reads the beginning of a file: [`LONGEST_START`] bytes, or all if there are fewer.
+    fn parse(bytes: &[u8]) -> Result<Self, String> {
+        let no_array = || "it is no NumPy array (.npy)".to_owned();
+        let cut_off = || format!("it is cut off after {} bytes", bytes.len());
+        let rest = bytes.strip_prefix(MAGIC).ok_or_else(no_array)?;
+        let (&[major, _minor], rest) = rest.split_first_chunk().ok_or_else(cut_off)?;
+        let (length, rest) = match major {
+            1 => {
+                let (length, rest) = rest.split_first_chunk().ok_or_else(cut_off)?;
+                (usize::from(u16::from_le_bytes(*length)), rest)
+            }
+            2 | 3 => {
+                let (length, rest) = rest.split_first_chunk().ok_or_else(cut_off)?;
+                (u32::from_le_bytes(*length) as usize, rest)
+            }
+            other => return Err(format!("its .npy version {other} is unknown")),
+        };
+        if length > LONGEST_HEADER {
+            return Err(format!(
+                "its header of {length} bytes is too long for an array of numbers"
+            ));
+        }
+        let text = rest.get(..length).ok_or_else(cut_off)?;
+        let text = std::str::from_utf8(text).map_err(|_| no_array())?;
+        let value = |key: &str| {
+            let (_, value) = text
+                .split_once(&format!("'{key}'"))
+                .ok_or_else(|| format!("its header has no `{key}`"))?;
+            let value = value.trim_start().strip_prefix(':').ok_or_else(no_array)?;
+            Ok::<_, String>(value.trim_start())
+        };
+        let descr = value("descr")?
+            .strip_prefix('\'')
+            .and_then(|rest| rest.split_once('\''))
+            .ok_or("its elements are structures, not 32- or 64-bit floats")?
+            .0;
+        let (value_bytes, big_endian) = match descr {
+            "<f4" => (4, false),
+            ">f4" => (4, true),
+            "<f8" => (8, false),
+            ">f8" => (8, true),
+            other => {
+                return Err(format!(
+                    "its type is `{other}`, not 32- or 64-bit floats; save it with \
+                     np.save(FILE, array.astype('<f4'))"
+                ));
+            }
+        };
+        let shape = value("shape")?
+            .strip_prefix('(')
+            .and_then(|rest| rest.split_once(')'))
+            .ok_or_else(no_array)?
+            .0;
+        let sides = shape
+            .split(',')
+            .map(str::trim)
+            .filter(|side| !side.is_empty());
+        let sides: Result<Vec<usize>, _> = sides.map(str::parse).collect();
+        Ok(Self {
+            value_bytes,
+            big_endian,
+            fortran_order: value("fortran_order")?.starts_with("True"),
+            shape: sides
+                .map_err(|_| format!("the shape ({shape}) in its header is no list of sizes"))?,
+            start: bytes.len() - rest.len() + length,
+        })
+    }
+
+    /// Bytes of the values of these dimensions, if that is a number.
+    fn size(&self, dimensions: &[usize]) -> Option<usize> {
+        let mut dimensions = dimensions.iter();
+        dimensions.try_fold(self.value_bytes, |size, side| size.checked_mul(*side))
+    }
+
+    fn values(&self, bytes: &[u8]) -> Vec<f64> {
+        match (self.value_bytes, self.big_endian) {
+            (4, false) => numbers(bytes, |b| f64::from(f32::from_le_bytes(b))),
+            (4, true) => numbers(bytes, |b| f64::from(f32::from_be_bytes(b))),
+            (_, false) => numbers(bytes, f64::from_le_bytes),
+            (_, true) => numbers(bytes, f64::from_be_bytes),
+        }
+    }
+
+    fn values_f32(&self, bytes: &[u8]) -> Vec<f32> {
+        match (self.value_bytes, self.big_endian) {
+            (4, false) => numbers(bytes, f32::from_le_bytes),
+            (4, true) => numbers(bytes, f32::from_be_bytes),
+            (_, false) => numbers(bytes, |b| f64::from_le_bytes(b) as f32),
+            (_, true) => numbers(bytes, |b| f64::from_be_bytes(b) as f32),
+        }
+    }
+}
+
+fn numbers<const N: usize, T>(bytes: &[u8], number: impl Fn([u8; N]) -> T) -> Vec<T> {
+    bytes.as_chunks().0.iter().map(|b| number(*b)).collect()
+}
+
+/// Reads a single map (rows, columns) in either order of bytes and of dimensions.
+///
+/// # Errors
+/// It is no npy, cut off, or of another type or rank; the sentence says what was found.
+pub fn decode(bytes: &[u8]) -> Result<Array, String> {
+    let header = Header::parse(bytes)?;
+    let &[height, width] = header.shape.as_slice() else {
+        return Err(format!(
+            "its shape is {:?}; it should have two dimensions, rows and columns",
+            header.shape
+        ));
+    };
+    let data = &bytes[header.start..];
+    if header.size(&header.shape) != Some(data.len()) {
+        return Err(format!(
+            "its header promises {height} x {width} values of {} bytes, but {} bytes follow",
+            header.value_bytes,
+            data.len()
+        ));
+    }
+    let mut values = header.values(data);
+    if header.fortran_order {
+        let columns = values;
+        values = Vec::with_capacity(columns.len());
+        for row in 0..height {
+            values.extend((0..width).map(|column| columns[column * height + row]));
+        }
+    }
+    Ok((width, height, values))
+}
+
+/// Maps of one size in an array of shape `N x H x W`, `N x 1 x H x W` or `N x H x W x 1`, or the
+/// single one of an array `H x W`. They are read one by one, so memory stays flat.
+#[derive(Debug)]
+pub struct Planes {
+    file: File,
+    header: Header,
+    /// How many.
+    pub count: usize,
+    /// Columns of each.
+    pub width: usize,
+    /// Rows of each.
+    pub height: usize,
+}
+
+impl Planes {
+    /// Takes a file and holds its length against its header.
+    ///
+    /// # Errors
+    /// No NumPy array, another type, order or shape, or a file that was cut short.
+    pub fn new(mut file: File) -> Result<Self, String> {
+        let io = |error: std::io::Error| error.to_string();
+        let length = file.metadata().map_err(io)?.len();
+        let mut start = Vec::new();
+        file.seek(SeekFrom::Start(0)).map_err(io)?;
+        (&mut file)
+            .take(LONGEST_START as u64)
+            .read_to_end(&mut start)
+            .map_err(io)?;
+        let header = Header::parse(&start)?;
+        let shape = &header.shape;
+        if header.fortran_order {
+            return Err("it is in Fortran order; save np.ascontiguousarray(array)".to_owned());
+        }
+        let (count, height, width) = match *shape.as_slice() {
+            [n, h, w] | [n, 1, h, w] | [n, h, w, 1] => (n, h, w),
+            [h, w] => (1, h, w),
+            _ => {
+                return Err(format!(
+                    "its shape is {shape:?}; [images, height, width] is needed"
+                ));
+            }
+        };
+        if !matches!(header.size(&[height, width]), Some(1..=LARGEST_PLANE)) {
+            return Err(format!("its shape is {shape:?}, which no predictions have"));
+        }
+        let needed = header.size(shape).and_then(|n| n.checked_add(header.start));
+        if needed.map(|bytes| bytes as u64) != Some(length) {
+            return Err(format!(
+                "its header speaks of {count} maps of {width}x{height}, but it has {length} bytes; it is \
+                 incomplete or damaged"
+            ));
+        }
+        Ok(Self {
+            file,
+            header,
+            count,
+            width,
+            height,
+        })
+    }
+
+    /// Reads a map, row by row.
+    ///
+    /// # Errors
+    /// `index` is beyond the array, or the system refuses.
+    pub fn plane(&mut self, index: usize) -> Result<Vec<f32>, String> {
+        if index >= self.count {
+            return Err(format!(
+                "it has {} maps, so there is no number {index}",
+                self.count
+            ));
+        }
+        // Neither can overflow: `new` has held the size of all planes against the file.
+        let size = self.height * self.width * self.header.value_bytes;
+        let place = (self.header.start + index * size) as u64;
+        let mut bytes = vec![0; size];
+        self.file
+            .seek(SeekFrom::Start(place))
+            .and_then(|_| self.file.read_exact(&mut bytes))
+            .map_err(|error| error.to_string())?;
+        Ok(self.header.values_f32(&bytes))
+    }
+}
+
+/// Bytes of a plane above which a header is not believed.
+const LARGEST_PLANE: usize = u32::MAX as usize;
+
+/// The bytes of a two-dimensional `f32` array (rows, columns), version 1.0 as NumPy writes it.
+pub fn encode(width: usize, height: usize, values: &[f32]) -> Vec<u8> {
+    let mut header =
+        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
+    // Magic, version, length and header together fill blocks of 64 bytes; a line feed ends them.
+    let before = MAGIC.len() + 4;
+    while !(before + header.len() + 1).is_multiple_of(64) {
+        header.push(' ');
+    }
+    header.push('\n');
+    let mut bytes = Vec::with_capacity(before + header.len() + 4 * values.len());
+    bytes.extend_from_slice(MAGIC);
+    bytes.extend_from_slice(&[1, 0]);
+    let length = u16::try_from(header.len()).expect("two numbers make a short header");
+    bytes.extend_from_slice(&length.to_le_bytes());
+    bytes.extend_from_slice(header.as_bytes());
+    bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn npy(header: &str, data: &[u8]) -> Vec<u8> {
+        let mut bytes = [MAGIC, &[1, 0]].concat();
+        bytes.extend_from_slice(&u16::try_from(header.len()).unwrap().to_le_bytes());
+        [&bytes, header.as_bytes(), data].concat()
+    }
+
+    #[test]
+    fn arrays_come_back() {
+        let values = [0.0, 1.5, -2.25, 1e-3, 80.0, f32::INFINITY];
+        let bytes = encode(3, 2, &values);
+        assert_eq!(
+            bytes.len() % 64,
+            24,
+            "the header ends on a block of 64 bytes"
+        );
+        let (width, height, back) = decode(&bytes).unwrap();
+        assert_eq!((width, height), (3, 2));
+        assert!(back.iter().zip(values).all(|(a, b)| *a == f64::from(b)));
+    }
+
+    #[test]
+    fn types_and_orders_are_understood() {
+        let big: Vec<u8> = [1.0f64, 2.0, 3.0, 4.0, 5.0, 6.0]
+            .iter()
+            .flat_map(|v| v.to_be_bytes())
+            .collect();
+        let by_row = npy(
+            "{'descr': '>f8', 'fortran_order': False, 'shape': (2, 3), }",
+            &big,
+        );
+        assert_eq!(
+            decode(&by_row).unwrap(),
+            (3, 2, vec![1., 2., 3., 4., 5., 6.])
+        );
+        let by_column = npy(
+            "{'descr': '>f8', 'fortran_order': True, 'shape': (2, 3), }",
+            &big,
+        );
+        assert_eq!(
+            decode(&by_column).unwrap(),
+            (3, 2, vec![1., 3., 5., 2., 4., 6.])
+        );
+    }
+
+    #[test]
+    fn other_arrays_are_refused_with_a_reason() {
+        let header = |descr: &str, shape: &str| {
+            npy(
+                &format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}"),
+                &[0; 8],
+            )
+        };
+        for (bytes, reason) in [
+            (header("<i4", "(1, 2)"), "its type is `<i4`"),
+            (header("<f4", "(2,)"), "two dimensions"),
+            (header("<f4", "(1, 2, 1)"), "two dimensions"),
+            (
+                header("<f4", "(1, 3)"),
+                "promises 1 x 3 values of 4 bytes, but 8 bytes follow",
+            ),
+            (
+                header("<f8", "(4611686018427387904, 8)"),
+                "but 8 bytes follow",
+            ),
+            (header("<f4", "(a, 2)"), "no list of sizes"),
+            (npy("{'shape': (1, 2)}", &[]), "no `descr`"),
+            (
+                npy("{'descr': [('a', '<f4')], 'shape': (1, 2)}", &[]),
+                "structures",
+            ),
+            (b"PNG".to_vec(), "no NumPy array (.npy)"),
+            (encode(3, 2, &[0.0; 6])[..9].to_vec(), "cut off"),
+        ] {
+            let problem = decode(&bytes).unwrap_err();
+            assert!(
+                problem.contains(reason),
+                "{problem} should contain {reason}"
+            );
+        }
+    }
+
+    fn file(bytes: &[u8]) -> File {
+        let mut file = tempfile::tempfile().unwrap();
+        std::io::Write::write_all(&mut file, bytes).unwrap();
+        file
+    }
+
+    fn f4(shape: &str) -> String {
+        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n")
+    }
+
+    #[test]
+    fn planes_come_in_order() {
+        let values: Vec<u8> = (0..12_u8)
+            .flat_map(|v| f32::from(v).to_le_bytes())
+            .collect();
+        for shape in ["(2, 2, 3)", "(2, 1, 2, 3)", "(2, 2, 3, 1)"] {
+            let mut planes = Planes::new(file(&npy(&f4(shape), &values))).unwrap();
+            assert_eq!((planes.count, planes.width, planes.height), (2, 3, 2));
+            assert_eq!(planes.plane(1).unwrap(), [6.0, 7.0, 8.0, 9.0, 10.0, 11.0]);
+            assert_eq!(planes.plane(0).unwrap()[5], 5.0);
+            assert!(planes.plane(2).is_err());
+        }
+        let mut one = Planes::new(file(&npy(&f4("(3, 4)"), &values))).unwrap();
+        assert_eq!(one.plane(0).unwrap().len(), 12);
+        let doubles = [0.5_f64, 2.0].map(f64::to_be_bytes).concat();
+        let text = f4("(1, 1, 2)").replace("<f4", ">f8");
+        let mut planes = Planes::new(file(&npy(&text, &doubles))).unwrap();
+        assert_eq!(planes.plane(0).unwrap(), [0.5, 2.0]);
+    }
+
+    #[test]
+    fn arrays_that_are_no_maps_are_refused_with_a_reason() {
+        for (text, wanted) in [
+            (f4("(2,)"), "shape is [2]"),
+            (f4("(2, 2, 3)"), "incomplete"),
+            (f4("(2, 18446744073709551615, 3)"), "no predictions"),
+            (f4("(18446744073709551615, 1, 1)"), "incomplete"),
+            (f4("(2, 0, 3)"), "no predictions"),
+            (f4("(2, x, 3)"), "no list of sizes"),
+            (f4("(2, 2, 3)").replace("<f4", "|O"), "its type is `|O`"),
+            (f4("(2, 2, 3)").replace("False", "True"), "Fortran"),
+            ("((((((((".repeat(400), "no `descr`"),
+            (" ".repeat(5000), "too long"),
+        ] {
+            let error = Planes::new(file(&npy(&text, &[0; 47]))).unwrap_err();
+            assert!(error.contains(wanted), "{error}");
+        }
+    }
+
+    #[test]
+    fn no_part_of_a_file_is_taken_for_the_whole() {
+        let whole = npy(&f4("(1, 1, 1)"), &[0; 4]);
+        assert!(Planes::new(file(&whole)).is_ok());
+        for end in 0..whole.len() {
+            assert!(Planes::new(file(&whole[..end])).is_err(), "{end} bytes");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_it_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
+            let _ = decode(&bytes);
+            let _ = decode(&[&encode(2, 2, &[0.0; 4])[..10], &bytes].concat());
+        }
+
+        #[test]
+        fn no_header_makes_it_panic(header in "\\{?('descr'|'shape'|'fortran_order'|:|,| |\\(|\\)|[0-9]{1,20}|'<f4'|'>f8'){0,14}\\}?") {
+            let _ = decode(&npy(&header, &[0; 16]));
+        }
+    }
+}
