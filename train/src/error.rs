@@ -12,9 +12,9 @@ pub enum Error {
     #[error(transparent)]
     Store(#[from] strat_store::Error),
 
-    /// Reading or writing failed.
+    /// Reading or writing failed. The system's sentence is part of this one, not a cause below it.
     #[error("{0}")]
-    Io(#[from] std::io::Error),
+    Io(String),
 
     /// The configuration names something unknown or holds an impossible value.
     #[error("{0}")]
@@ -143,4 +143,10 @@ pub enum Error {
     /// No threads.
     #[error("cannot prepare batches: {0}")]
     Threads(String),
+}
+
+impl From<std::io::Error> for Error {
+    fn from(error: std::io::Error) -> Self {
+        Self::Io(error.to_string())
+    }
 }

@@ -58,7 +58,8 @@ impl StartWeights {
             path: path.to_path_buf(),
             reason,
         };
-        let bytes = fs_err::read(path)?;
+        let bytes =
+            std::fs::read(path).map_err(|error| refuse(format!("it cannot be read ({error})")))?;
         let damaged = |error| refuse(format!("it is no whole safetensors file ({error})"));
         let file = SafeTensors::deserialize(&bytes).map_err(damaged)?;
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;

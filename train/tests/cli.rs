@@ -174,6 +174,16 @@ fn a_short_run_is_trained_resumed_and_exported() {
     let (set, run) = (folder.path().join("set"), folder.path().join("run"));
     prepared::write(&set, 4, 1);
     let places = format!("--data {} --out {}", set.display(), run.display());
+    // What cannot fit is refused before anything is written; what can is not.
+    let (code, _, error) = train(&format!(
+        "--config kitti-strat --preset tiny --set batch=100000000 {places}"
+    ));
+    assert_eq!(code, 1);
+    assert!(
+        error.contains("of memory") && error.contains("accumulate="),
+        "{error}"
+    );
+    assert!(!run.join("run.json").exists());
     let (code, out, error) = train(&format!(
         "--config kitti-strat --preset tiny --set network.width=1/32 \
          --set discriminator.width=1/16 --set epochs=2 --max-steps 1 {places}"
