@@ -10,7 +10,8 @@ settings in a pool of processes. Scans: ground truth of the Eigen split as PROTO
 numpy with a dictionary of counts and a loop over repeated pixels. The published export (monodepth2) makes
 one frame after the other in one process and reads the calibration again for each; it is timed so, and
 in the pool with the calibration read once, which is the comparison of equal work.
-Both sides run in turns on the same files, start-up not counted, and the best of the repeats counts;
+Both sides run in turns on the same files, each having done them before (the pool keeps its processes,
+prep does the work twice), and the best of the repeats counts;
 depth is not written while the time is taken. The results are compared too. Needs numpy and
 opencv-python-headless.
 """

@@ -151,6 +151,11 @@ impl<const N: usize> ScanDepth<N> {
         let (points, rest) = bytes.as_chunks::<POINT>();
         let (blocks, last) = points.as_chunks::<BLOCK>();
         for block in blocks {
+            // Half of the blocks lie behind the scanner: one number of each point tells.
+            let front = |seen, at: &[u8; POINT]| seen | (point(at)[0] >= 0.0);
+            if !block.iter().fold(false, front) {
+                continue;
+            }
             let mut points = [[0.0; 4]; BLOCK];
             for (to, from) in points.iter_mut().zip(block) {
                 *to = point(from);

@@ -261,19 +261,23 @@ fn area_rgb(image: &RgbImage, width: u32, height: u32) -> RgbImage {
         return block_mean_rgb(image, width, height);
     }
     let columns = opencv_area_cells(source_width, target_width);
-    match fixed_weights(&columns) {
+    let few = fixed_weights(&columns);
+    // Compiled for the vector units of this machine. The order of additions is that of the code, so
+    // the bytes are the same on all of them.
+    pulp::Arch::new().dispatch(|| match &few {
         Some(columns) => narrow_rows(image, width, height, |values, narrowed| {
-            narrow_row_by_few(values, &columns, narrowed);
+            narrow_row_by_few(values, columns, narrowed);
         }),
         None => narrow_rows(image, width, height, |values, narrowed| {
             narrow_row(values, &columns, narrowed);
         }),
-    }
+    })
 }
 
 /// Area means of rows that `narrow` has made of the source's rows; both are given one number more
 /// than there are, and the source's also what [`FEW`] weights may ask for: pixels are read and written
 /// four lanes at a time.
+#[inline(always)]
 fn narrow_rows(
     image: &RgbImage,
     width: u32,
@@ -311,6 +315,7 @@ fn narrow_rows(
 }
 
 /// Weighted sums along a row of RGB values, in the order of OpenCV's additions.
+#[inline(always)]
 fn narrow_row(values: &[f32], columns: &[(usize, Vec<f32>)], narrowed: &mut [f32]) {
     for (target, (first, weights)) in narrowed.chunks_exact_mut(3).zip(columns) {
         // Four lanes, the last one idle: what the vector units of every machine can do.
@@ -339,6 +344,7 @@ fn fixed_weights(columns: &[(usize, Vec<f32>)]) -> Option<Vec<(usize, [f32; FEW]
 }
 
 /// As [`narrow_row`]: adding a number times zero changes no sum.
+#[inline(always)]
 fn narrow_row_by_few(values: &[f32], columns: &[(usize, [f32; FEW])], narrowed: &mut [f32]) {
     for (at, (first, weights)) in columns.iter().enumerate() {
         let values = &values[3 * first..3 * first + 3 * FEW + 1];
@@ -355,6 +361,7 @@ fn narrow_row_by_few(values: &[f32], columns: &[(usize, [f32; FEW])], narrowed: 
 
 /// Rounds a mean of bytes half to even, as [`to_byte`] does; without SSE4.1 the standard method is
 /// a library call.
+#[inline(always)]
 fn mean_to_byte(mean: f32) -> u8 {
     // From this number on neighbours are one apart, so the addition rounds and leaves the result
     // in the last bits.
