@@ -9,7 +9,7 @@
 //! `STRAT_GPU_SIZE=full` takes the full-width networks at 512x256 instead of the tiny ones.
 #![cfg(feature = "wgpu")]
 
-use burn::module::Param;
+use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use strat_onnx::metadata::{InputRange, ModelMetadata, OutputMeaning};
 use strat_train::config::{Config, Preset};
