@@ -6,7 +6,7 @@
 //! where each view has its own). What the file lacks starts as the seed says; what it holds must
 //! fit by name and shape, so that a misspelt name is no silent start from noise.
 //!
-//! A file written by [`write`] names the drives its weights were trained on, so that a model that
+//! A file written by [`write()`] names the drives its weights were trained on, so that a model that
 //! grew from them can still be checked for leakage.
 //!
 //! Not here: optimizer states (a run is continued with `--resume`), other file formats.
