@@ -11,15 +11,15 @@ use std::time::Instant;
 use burn::module::Module;
 use burn::optim::{AdamConfig, GradientsParams};
 use burn::tensor::{Device, Distribution, Tensor};
-use strat_train::discriminator::{ColourFactors, DiscriminatorConfig, Patches};
-use strat_train::generator::GeneratorConfig;
-use strat_train::layers::{
-    Convolution, Initializer, InstanceNorm, Ops, TensorOps, TransposedConvolution, Width, elu,
-};
-use strat_train::losses::{
+use strat_train::loss::sampler::sample_horizontal;
+use strat_train::loss::{
     Weights, discriminator_adversarial, dssim, generator_adversarial, stereo_losses, synthesize,
 };
-use strat_train::sampler::sample_horizontal;
+use strat_train::network::discriminator::{ColourFactors, DiscriminatorConfig, Patches};
+use strat_train::network::generator::GeneratorConfig;
+use strat_train::network::layers::{
+    Convolution, Initializer, InstanceNorm, Ops, TensorOps, TransposedConvolution, Width, elu,
+};
 
 const RUNS: usize = 4;
 

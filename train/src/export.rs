@@ -21,8 +21,8 @@ use strat_onnx::embedded::{EmbeddedError, EmbeddedSession};
 use strat_onnx::graph::{Dim, Filter, Geometry, GraphBuilder, GraphError, Value};
 use strat_onnx::metadata::{ModelMetadata, Probe, ProbeError, probe_image};
 
-use crate::generator::{Generator, SIZE_MULTIPLE};
-use crate::layers::{
+use crate::network::generator::{Generator, SIZE_MULTIPLE};
+use crate::network::layers::{
     Convolution, LayerWeights, Ops, TransposedConvolution, unit_interval, values_of,
 };
 
@@ -326,8 +326,8 @@ mod tests {
     use strat_onnx::metadata::{InputRange, OutputMeaning, Weights};
 
     use super::*;
-    use crate::generator::{Decoder, GeneratorConfig, Head, Shortcut};
-    use crate::layers::Width;
+    use crate::network::generator::{Decoder, GeneratorConfig, Head, Shortcut};
+    use crate::network::layers::Width;
 
     fn metadata() -> ModelMetadata {
         ModelMetadata::new(OutputMeaning::DisparityFraction, InputRange::Unit, 128, 64)

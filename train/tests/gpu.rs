@@ -15,13 +15,13 @@ use strat_onnx::metadata::{InputRange, ModelMetadata, OutputMeaning};
 use strat_train::config::{Config, Preset};
 use strat_train::data::Batch;
 use strat_train::device::DeviceChoice;
-use strat_train::discriminator::{ColourFactors, Patches};
 use strat_train::export::export;
-use strat_train::generator::Layer;
-use strat_train::losses::{
+use strat_train::loss::{
     discriminator_adversarial, generator_adversarial, stereo_losses, synthesize,
 };
-use strat_train::step::{Networks, StepReport};
+use strat_train::network::discriminator::{ColourFactors, Patches};
+use strat_train::network::generator::Layer;
+use strat_train::training::trainer::{Networks, StepReport};
 
 fn config() -> Config {
     let preset = match std::env::var("STRAT_GPU_SIZE").as_deref() {

@@ -4,7 +4,7 @@
 use strat_train::config::{Config, Preset};
 use strat_train::data::Batch;
 use strat_train::device::DeviceChoice;
-use strat_train::step::Networks;
+use strat_train::training::trainer::Networks;
 
 /// Bytes of memory that this process holds.
 fn resident() -> f64 {

@@ -3,8 +3,8 @@
 use assert_cmd::Command;
 use strat_train::config::{Config, Preset};
 use strat_train::device::DeviceChoice;
-use strat_train::memory::{Measured, Need};
-use strat_train::step::Networks;
+use strat_train::training::memory::{Measured, Need};
+use strat_train::training::trainer::Networks;
 
 /// Peak memory of three steps, measured in a process of its own.
 fn measured(preset: &str, settings: &[&str]) -> Measured {

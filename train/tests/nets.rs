@@ -3,17 +3,19 @@
 use burn::module::{Module, Param};
 use burn::optim::{AdamConfig, GradientsParams};
 use burn::tensor::{Device, Tensor, TensorData};
-use strat_train::discriminator::{ColourFactors, Discriminator, DiscriminatorConfig, Patches};
-use strat_train::generator::{Decoder, GeneratorConfig, Head, Shortcut};
-use strat_train::layers::{
-    Convolution, InstanceNorm, Ops, TensorOps, TransposedConvolution, Width, elu, leaky_relu,
-};
-use strat_train::losses::{
+use strat_train::loss::sampler::sample_horizontal;
+use strat_train::loss::{
     self, Weights, discriminator_adversarial, dssim, generator_adversarial, stereo_losses,
     synthesize,
 };
-use strat_train::sampler::sample_horizontal;
-use strat_train::start::{self, Parameter, StartWeights};
+use strat_train::network::discriminator::{
+    ColourFactors, Discriminator, DiscriminatorConfig, Patches,
+};
+use strat_train::network::generator::{Decoder, GeneratorConfig, Head, Shortcut};
+use strat_train::network::initial_weights::{self, Parameter, StartWeights};
+use strat_train::network::layers::{
+    Convolution, InstanceNorm, Ops, TensorOps, TransposedConvolution, Width, elu, leaky_relu,
+};
 
 /// Numbers without a pattern, in -1..1, from a Weyl sequence.
 fn numbers(count: usize, salt: f64) -> Vec<f32> {
@@ -380,7 +382,7 @@ fn ten_steps_lower_the_loss_of_a_fixed_batch() {
         for _ in 0..10 {
             let disparities = generator.forward(left.clone());
             let terms = stereo_losses(left.clone(), right.clone(), &disparities, &weights);
-            totals.push(losses::scalar(&terms.total));
+            totals.push(loss::scalar(&terms.total));
             let gradients = GradientsParams::from_grads(terms.total.backward(), &generator);
             generator = optimizer.step(1e-3, generator, gradients);
         }
@@ -417,7 +419,7 @@ fn adversarial_steps_train_both_networks() {
         let real = critic.forward_seeded(patches.cut(right.clone(), &plain), 2 * step);
         let faked = critic.forward_seeded(patches.cut(fake.clone(), &plain), 2 * step + 1);
         let loss = discriminator_adversarial(real, faked);
-        last = losses::scalar(&loss);
+        last = loss::scalar(&loss);
         first.get_or_insert(last);
         let gradients = GradientsParams::from_grads(loss.backward(), &critic);
         critic = optimizer.step(2e-3, critic, gradients);
@@ -433,8 +435,8 @@ fn adversarial_steps_train_both_networks() {
     let gradients = loss.backward();
     for (name, layer) in generator.layers() {
         let weight = match layer {
-            strat_train::generator::Layer::Convolution(l) => l.weight.val(),
-            strat_train::generator::Layer::Transposed(l) => l.weight.val(),
+            strat_train::network::generator::Layer::Convolution(l) => l.weight.val(),
+            strat_train::network::generator::Layer::Transposed(l) => l.weight.val(),
         };
         let gradient = floats(weight.grad(&gradients).unwrap_or_else(|| panic!("{name}")));
         assert!(gradient.iter().any(|g| *g != 0.0), "{name}");
@@ -557,7 +559,8 @@ fn the_whole_objective_has_right_gradients_in_every_layer() {
         adversarial: 1.0,
         ..Weights::STRAT
     };
-    let objective = |generator: &strat_train::generator::Generator, critic: &Discriminator| {
+    let objective = |generator: &strat_train::network::generator::Generator,
+                     critic: &Discriminator| {
         let device = generator.encoder.conv1.weight.val().device();
         let (left, right) = pair(&device);
         let levels = generator.forward(left.clone());
@@ -568,7 +571,7 @@ fn the_whole_objective_has_right_gradients_in_every_layer() {
     };
 
     let with = |parameters: &[Parameter], device: &Device| {
-        start::write(parameters, None, &path).expect("written");
+        initial_weights::write(parameters, None, &path).expect("written");
         let weights = StartWeights::read(&path).expect("read");
         config.init_from(0, Some(&weights), device)
     };
@@ -592,8 +595,8 @@ fn the_whole_objective_has_right_gradients_in_every_layer() {
     };
     for (number, (name, layer)) in generator.layers().into_iter().enumerate() {
         let weight = match layer {
-            strat_train::generator::Layer::Convolution(l) => l.weight.val(),
-            strat_train::generator::Layer::Transposed(l) => l.weight.val(),
+            strat_train::network::generator::Layer::Convolution(l) => l.weight.val(),
+            strat_train::network::generator::Layer::Transposed(l) => l.weight.val(),
         };
         let gradient = floats(weight.grad(&gradients).expect("a gradient"));
         let length = gradient

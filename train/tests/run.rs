@@ -9,9 +9,9 @@ use std::sync::atomic::AtomicBool;
 use strat_onnx::metadata::Weights;
 use strat_train::config::{Config, Judges, Preset};
 use strat_train::device::DeviceChoice;
-use strat_train::run::{Options, Outcome, RunInfo, export_run, run};
-use strat_train::start::StartWeights;
-use strat_train::step::Networks;
+use strat_train::network::initial_weights::StartWeights;
+use strat_train::training::run::{Options, Outcome, RunInfo, export_run, run};
+use strat_train::training::trainer::Networks;
 
 const SMALL: [&str; 6] = [
     "network.width=1/32",
@@ -275,7 +275,7 @@ fn a_run_begins_with_the_weights_of_another() {
 
     // The drives of the first run are remembered, also by a run that is resumed.
     let drives = vec!["2011_09_26_drive_0001".to_owned(), "elsewhere".to_owned()];
-    strat_train::start::write(&parameters, Some(&drives[1..]), &file).unwrap();
+    strat_train::network::initial_weights::write(&parameters, Some(&drives[1..]), &file).unwrap();
     second.force = true;
     go(&second);
     assert_eq!(run_info(&second.out).train_drives, drives);
@@ -286,7 +286,7 @@ fn a_run_begins_with_the_weights_of_another() {
     assert_eq!(run_info(&second.out).train_drives, drives);
 
     // A file that does not say what it was trained on leaves its mark in the model.
-    strat_train::start::write(&parameters, None, &file).unwrap();
+    strat_train::network::initial_weights::write(&parameters, None, &file).unwrap();
     (second.force, second.resume) = (true, false);
     go(&second);
     let model = strat_onnx::model::read(second.out.join("model.onnx")).unwrap();
@@ -297,7 +297,7 @@ fn a_run_begins_with_the_weights_of_another() {
     );
 
     // A network of another width is refused before anything of the old run is removed.
-    second.config.network.width = strat_train::layers::Width::new(1, 16).unwrap();
+    second.config.network.width = strat_train::network::layers::Width::new(1, 16).unwrap();
     let text = run(&second).unwrap_err().to_string();
     assert!(text.contains("start weights"), "{text}");
     assert!(second.out.join("model.onnx").is_file());

@@ -13,8 +13,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 
-use crate::layers::{Convolution, Initializer, InstanceNorm, Width, leaky_relu, unit_interval};
-use crate::start::{Parameter, StartWeights};
+use crate::network::initial_weights::{Parameter, StartWeights};
+use crate::network::layers::{
+    Convolution, Initializer, InstanceNorm, Width, leaky_relu, unit_interval,
+};
 
 /// Everything that determines the shape of a [`Discriminator`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -267,7 +269,7 @@ impl ColourFactors {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::layers::values_of;
+    use crate::network::layers::values_of;
 
     fn small(device: &Device) -> Discriminator {
         DiscriminatorConfig {

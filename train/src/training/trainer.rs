@@ -7,7 +7,7 @@
 //! generator's adversarial term is judged by the discriminator as it was before the step.
 //!
 //! Every forward pass here is followed by a backward pass: burn keeps the memory of one that
-//! is not. Evaluation belongs on `valid()` networks (see [`crate::validation`]).
+//! is not. Evaluation belongs on `valid()` networks (see [`crate::training::validation`]).
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -20,19 +20,21 @@ use burn::optim::{
 use burn::store::{ModuleRecord, RecordError};
 use burn::tensor::{Bytes, Device, Tensor, TensorData};
 
-use crate::checkpoint::Checkpoint;
 use crate::config::{Config, Judges};
 use crate::data::Batch;
-use crate::discriminator::{ColourFactors, Discriminator, NETWORK, Patches, RIGHT_NETWORK};
 use crate::error::{Error, Result};
-use crate::generator::Generator;
-use crate::losses::{
+use crate::loss::{
     TermValues, Weights, discriminator_adversarial, generator_adversarial, scalar, stereo_losses,
     synthesize,
 };
+use crate::network::discriminator::{
+    ColourFactors, Discriminator, NETWORK, Patches, RIGHT_NETWORK,
+};
+use crate::network::generator::Generator;
+use crate::network::initial_weights::{Parameter, StartWeights};
 use crate::random::{Draws, Purpose};
-use crate::schedule::{baseline_fraction, learning_rate};
-use crate::start::{Parameter, StartWeights};
+use crate::training::checkpoint::Checkpoint;
+use crate::training::schedule::{baseline_fraction, learning_rate};
 
 const GENERATOR: &str = "generator.bpk";
 const GENERATOR_OPTIMIZER: &str = "generator-optimizer.bpk";

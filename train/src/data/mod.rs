@@ -11,6 +11,8 @@
 //!
 //! Nothing is downloaded, written or checked against hashes here: `prep verify` does that.
 
+pub mod augment;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -25,7 +27,7 @@ use strat_store::image_files::read_rgb;
 use strat_store::resize::{self, Kernel};
 use strat_store::set::PreparedSet;
 
-use crate::augment::{AugmentConfig, Augmentation};
+use crate::data::augment::{AugmentConfig, Augmentation};
 use crate::error::{Error, Result};
 use crate::random::{Draws, Purpose};
 

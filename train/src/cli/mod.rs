@@ -19,8 +19,8 @@ use strat_onnx::metadata::Weights;
 
 use crate::config::{BUILT_IN, Config, Preset};
 use crate::device::{self, DeviceChoice};
-use crate::memory::{self, Measured, Need};
-use crate::run::{self, Options, Outcome};
+use crate::training::memory::{self, Measured, Need};
+use crate::training::run::{self, Options, Outcome};
 
 const EXAMPLES: &str = "Examples:
   train --config kitti-strat --data prepared/kitti --out runs/strat --device cuda

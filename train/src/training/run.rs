@@ -24,17 +24,17 @@ use strat_store::files;
 use strat_store::progress::Progress;
 use strat_store::set::PreparedSet;
 
-use crate::checkpoint::{Best, Checkpoint, Checkpoints, State};
 use crate::config::Config;
 use crate::data::{BatchPlan, Loader, Pairs};
 use crate::device::DeviceChoice;
 use crate::error::{Error, Result};
-use crate::generator::Generator;
-use crate::memory::{self, Need};
-use crate::start::{self, StartWeights};
-use crate::step::{Networks, StepReport};
-use crate::tensorboard::EventWriter;
-use crate::validation::{Scores, Validation};
+use crate::network::generator::Generator;
+use crate::network::initial_weights::{self, StartWeights};
+use crate::training::checkpoint::{Best, Checkpoint, Checkpoints, State};
+use crate::training::memory::{self, Need};
+use crate::training::tensorboard::EventWriter;
+use crate::training::trainer::{Networks, StepReport};
+use crate::training::validation::{Scores, Validation};
 
 const CONFIG: &str = "config.yaml";
 const RUN: &str = "run.json";
@@ -355,7 +355,7 @@ pub fn export_run(
     if is_weights_file(&path) {
         // Without the list of drives the file says that its training is unknown, as it is.
         let drives = (!info.unknown_start).then_some(info.train_drives.as_slice());
-        start::write(&networks.all_parameters(), drives, &path)?;
+        initial_weights::write(&networks.all_parameters(), drives, &path)?;
         return Ok(Exported { path, parity: None });
     }
     let state = &checkpoint.state;

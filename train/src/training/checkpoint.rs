@@ -7,7 +7,7 @@
 //! The random state is the seed and the step (see [`crate::random`]), so nothing else is kept.
 //!
 //! This module moves bytes; what they mean to the networks is the business of
-//! [`crate::run`].
+//! [`crate::training::run`].
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -561,7 +561,7 @@ fn tracked_activation(activation: Activation, input: Tracked) -> Tracked {
 }
 
 /// Samples rows of `source`, `[n, c, h, w]`, at columns displaced by `offset_fraction`,
-/// `[n, 1, h, w]`, on the CPU backend; `None` elsewhere. See [`crate::sampler`] for the definition.
+/// `[n, 1, h, w]`, on the CPU backend; `None` elsewhere. See [`crate::loss::sampler`] for the definition.
 pub(crate) fn sample_horizontal(source: &Tensor<4>, offset: &Tensor<4>) -> Option<Tensor<4>> {
     if source.is_autodiff() || offset.is_autodiff() {
         let (source, offset) = (tracked(source)?, tracked(offset)?);
@@ -710,7 +710,7 @@ fn tracked_sample(source: Tracked, offset: Tracked) -> Tracked {
 }
 
 /// Structural dissimilarity of 3x3 windows on the CPU backend, `[n, c, h - 2, w - 2]`; `None`
-/// elsewhere. See [`crate::losses::dssim`] for the definition.
+/// elsewhere. See [`crate::loss::dssim`] for the definition.
 pub(crate) fn dssim(x: &Tensor<4>, y: &Tensor<4>) -> Option<Tensor<4>> {
     if x.is_autodiff() || y.is_autodiff() {
         let (x, y) = (tracked(x)?, tracked(y)?);

@@ -6,7 +6,7 @@
 //! pair is both the input and the target. Every draw depends on the seed, the epoch and the
 //! pair's index only, never on the order of work.
 //!
-//! Not here: what is done to the discriminator's input ([`crate::discriminator`]).
+//! Not here: what is done to the discriminator's input ([`crate::network::discriminator`]).
 
 use image::RgbImage;
 use serde::{Deserialize, Serialize};

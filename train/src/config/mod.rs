@@ -13,13 +13,13 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use strat_store::set::Content;
 
-use crate::augment::AugmentConfig;
-use crate::discriminator::{DiscriminatorConfig, PATCH, SMALLEST_PATCH};
+use crate::data::augment::AugmentConfig;
 use crate::error::{Error, Result};
-use crate::generator::{GeneratorConfig, SIZE_MULTIPLE};
-use crate::layers::Width;
-use crate::losses::Weights;
-use crate::schedule::{Decay, Variant};
+use crate::loss::Weights;
+use crate::network::discriminator::{DiscriminatorConfig, PATCH, SMALLEST_PATCH};
+use crate::network::generator::{GeneratorConfig, SIZE_MULTIPLE};
+use crate::network::layers::Width;
+use crate::training::schedule::{Decay, Variant};
 
 /// Which objective is minimised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -259,19 +259,43 @@ impl Default for Config {
 
 /// Configurations that are part of the program: name and text.
 pub const BUILT_IN: [(&str, &str); 10] = [
-    ("kitti-strat", include_str!("../configs/kitti-strat.yaml")),
-    ("kitti-fixed", include_str!("../configs/kitti-fixed.yaml")),
-    ("kitti-random", include_str!("../configs/kitti-random.yaml")),
-    ("kitti-noadv", include_str!("../configs/kitti-noadv.yaml")),
+    (
+        "kitti-strat",
+        include_str!("../../configs/kitti-strat.yaml"),
+    ),
+    (
+        "kitti-fixed",
+        include_str!("../../configs/kitti-fixed.yaml"),
+    ),
+    (
+        "kitti-random",
+        include_str!("../../configs/kitti-random.yaml"),
+    ),
+    (
+        "kitti-noadv",
+        include_str!("../../configs/kitti-noadv.yaml"),
+    ),
     (
         "kitti-monodepth",
-        include_str!("../configs/kitti-monodepth.yaml"),
+        include_str!("../../configs/kitti-monodepth.yaml"),
     ),
-    ("eigen-strat", include_str!("../configs/eigen-strat.yaml")),
-    ("eigen-fixed", include_str!("../configs/eigen-fixed.yaml")),
-    ("eigen-random", include_str!("../configs/eigen-random.yaml")),
-    ("eigen-noadv", include_str!("../configs/eigen-noadv.yaml")),
-    ("demo", include_str!("../configs/demo.yaml")),
+    (
+        "eigen-strat",
+        include_str!("../../configs/eigen-strat.yaml"),
+    ),
+    (
+        "eigen-fixed",
+        include_str!("../../configs/eigen-fixed.yaml"),
+    ),
+    (
+        "eigen-random",
+        include_str!("../../configs/eigen-random.yaml"),
+    ),
+    (
+        "eigen-noadv",
+        include_str!("../../configs/eigen-noadv.yaml"),
+    ),
+    ("demo", include_str!("../../configs/demo.yaml")),
 ];
 
 /// Sizes that make a run smaller, for slower machines.
@@ -641,7 +665,7 @@ fn no_such_config(name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::generator::{Decoder, Head};
+    use crate::network::generator::{Decoder, Head};
 
     fn resolved(name: &str) -> Config {
         Config::resolve(name, None, &[]).unwrap()

@@ -7,13 +7,15 @@
 //!
 //! Not here: the discriminator, augmentation, schedules.
 
+pub mod sampler;
+
 use burn::tensor::Tensor;
 use burn::tensor::activation::log_sigmoid;
 use serde::{Deserialize, Serialize};
 
-use crate::generator::SCALES;
 use crate::kernels;
-use crate::sampler::sample_horizontal;
+use crate::loss::sampler::sample_horizontal;
+use crate::network::generator::SCALES;
 
 /// Weights of the terms; a term of weight 0 is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -375,7 +377,7 @@ mod tests {
     use burn::tensor::{Device, TensorData};
 
     use super::*;
-    use crate::layers::values_of;
+    use crate::network::layers::values_of;
 
     fn tensor(shape: [usize; 4], value: impl Fn(usize, f64, f64) -> f64) -> Tensor<4> {
         let [_, channels, height, width] = shape;

@@ -49,7 +49,7 @@ mod tests {
     use burn::tensor::{Device, TensorData};
 
     use super::*;
-    use crate::layers::values_of;
+    use crate::network::layers::values_of;
 
     fn tensor(shape: [usize; 4], value: impl Fn(usize, usize, usize) -> f64) -> Tensor<4> {
         let [_, channels, height, width] = shape;

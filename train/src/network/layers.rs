@@ -24,7 +24,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 
 use crate::kernels::{self, Activation};
-use crate::start::{Parameter, StartWeights};
+use crate::network::initial_weights::{Parameter, StartWeights};
 
 /// Multiplier on the number of channels of a network, as an exact fraction; `1` is full width.
 ///

@@ -12,10 +12,10 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
-use crate::layers::{
+use crate::network::initial_weights::{Parameter, StartWeights};
+use crate::network::layers::{
     Convolution, Initializer, LayerWeights, Ops, TensorOps, TransposedConvolution, Width,
 };
-use crate::start::{Parameter, StartWeights};
 
 /// How a decoder stage doubles its input.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -569,7 +569,7 @@ mod tests {
         };
         for config in [small(), sigmoid] {
             let [.., coarsest] = config.init(3, &device).forward(images.clone());
-            let values = crate::layers::values_of(coarsest);
+            let values = crate::network::layers::values_of(coarsest);
             let largest = values.iter().fold(0.0_f32, |m, v| m.max((v - 0.03).abs()));
             assert!(largest < 1e-6, "{:?}: off by {largest}", config.head);
         }

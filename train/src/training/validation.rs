@@ -22,14 +22,14 @@ use strat_store::raster::Plane;
 use strat_store::set::{PreparedSet, Sample};
 use strat_store::{exr, files, resize};
 
-use crate::augment::Augmentation;
 use crate::config::Config;
 use crate::data::Pair;
-use crate::discriminator::{ColourFactors, Discriminator, Patches};
+use crate::data::augment::Augmentation;
 use crate::error::{Error, Result};
-use crate::generator::Generator;
-use crate::losses::{Weights, scalar, stereo_losses, synthesize};
-use crate::step::images;
+use crate::loss::{Weights, scalar, stereo_losses, synthesize};
+use crate::network::discriminator::{ColourFactors, Discriminator, Patches};
+use crate::network::generator::Generator;
+use crate::training::trainer::images;
 
 /// Disparity that is shown as white, as a fraction of the width: 4 m before a KITTI camera
 /// is 0.08.

@@ -19,12 +19,12 @@ use sysinfo::{MemoryRefreshKind, RefreshKind, System};
 use crate::config::{Config, Judges};
 use crate::data::Batch;
 use crate::device::DeviceChoice;
-use crate::discriminator::Discriminator;
 use crate::error::{Error, Result};
-use crate::generator::Generator;
-use crate::layers::{Convolution, Ops, TransposedConvolution};
+use crate::network::discriminator::Discriminator;
+use crate::network::generator::Generator;
+use crate::network::layers::{Convolution, Ops, TransposedConvolution};
 use crate::random::{Draws, Purpose};
-use crate::step::Networks;
+use crate::training::trainer::Networks;
 
 /// Bytes of the program itself with its threads and buffers.
 const PROGRAM: f64 = 22e6;

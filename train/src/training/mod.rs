@@ -1,0 +1,13 @@
+//! A training run: its schedule, its steps, its validation, its checkpoints and its folder.
+//!
+//! [`run`] goes from a prepared set to an exported model; [`trainer`] takes the steps; [`memory`]
+//! predicts what they need. Not here: the networks ([`crate::network`]), the objectives
+//! ([`crate::loss`]), reading and augmenting images ([`crate::data`]).
+
+pub mod checkpoint;
+pub mod memory;
+pub mod run;
+pub mod schedule;
+pub mod tensorboard;
+pub mod trainer;
+pub mod validation;
