@@ -2,27 +2,23 @@
 //!
 //! Every drive is a street of its own ([`world`]): carriageway, pavements, houses, trees,
 //! vehicles and people placed by the hash of the drive's name and a seed. The same rays
-//! make the stereo pictures ([`picture`]), the laser scans ([`scan`]) and the disparities
+//! make the stereo pictures ([`sensors::picture`]), the laser scans ([`sensors::lidar`]) and the disparities
 //! and labels ([`truth`]), so that all of them agree. Files go where KITTI has them
-//! (PROTOCOL 1.1-1.3), under the names of real drives and frames ([`plan`]); every
+//! (PROTOCOL 1.1-1.3), under the names of real drives and frames ([`preset`]); every
 //! reader of the project is used on them unchanged. The same preset and seed give the
 //! same bytes for any number of threads.
 //!
 //! It is a stand-in for testing and demonstration: no figure obtained on it says
 //! anything about KITTI.
 
-mod chance;
-mod light;
+mod geometry;
 mod noise;
-mod picture;
-mod plan;
-mod rig;
-mod scan;
+mod objects;
+mod preset;
+mod random;
 mod scene;
-mod scenery;
-mod shapes;
-mod street;
-mod surface;
+mod sensors;
+mod shading;
 #[cfg(test)]
 mod tests;
 mod truth;
@@ -43,8 +39,9 @@ use strat_store::{files, image_files, yaml};
 
 use crate::raw::RENDERED;
 
-pub use plan::Preset;
-use plan::{Purpose, Shot};
+pub use preset::Preset;
+use preset::{Purpose, Shot};
+use sensors::{lidar, picture, rig};
 
 /// Arguments of `prep synth`.
 #[derive(clap::Args, Clone, Debug)]
@@ -98,7 +95,7 @@ const NOTES: [&str; 5] = [
 /// # Errors
 /// The folder holds another world or cannot be written to, or threads cannot be started.
 pub fn run(args: &Args) -> anyhow::Result<u8> {
-    let shots = plan::shots(args.preset);
+    let shots = preset::shots(args.preset);
     let file = WorldFile {
         rendered: true,
         world_version: WORLD_VERSION,
@@ -334,7 +331,7 @@ impl Renderer {
     /// # Errors
     /// The drive or the scene is not one of KITTI's.
     pub fn render(&self, view: View) -> anyhow::Result<Rendered> {
-        let shot = plan::shot(view).with_context(|| {
+        let shot = preset::shot(view).with_context(|| {
             format!("KITTI has no {view:?}, so nothing can be rendered for it.")
         })?;
         self.shoot(&shot)
@@ -345,8 +342,8 @@ impl Renderer {
         let rig = rig::Rig::new(day, self.divisor);
         let world = world_of(shot, self.seed);
         let pair = render_pair(&world, &self.textures, rig, shot.index);
-        let seed = chance::key(&[
-            chance::key_of_name(&shot.world),
+        let seed = random::key(&[
+            random::key_of_name(&shot.world),
             self.seed,
             u64::from(shot.index),
         ]);
@@ -358,11 +355,11 @@ impl Renderer {
         let (left, right) = (image(2, &pair.left)?, image(3, &pair.right)?);
         let scan = matches!(shot.purpose, Purpose::Raw { scan: true, .. }).then(|| {
             let (eye, axes) = rig.scanner(&pair.scene);
-            let scanner = scan::Scanner {
+            let scanner = lidar::Scanner {
                 steps: self.scan_steps,
                 seed,
             };
-            scan::scan(&pair.scene, eye, axes, scanner)
+            lidar::scan(&pair.scene, eye, axes, scanner)
         });
         let truth = matches!(shot.purpose, Purpose::Stereo { .. }).then(|| {
             let right = (&pair.right_camera, &pair.right_tiles);
@@ -401,7 +398,7 @@ struct Pair<'a> {
 
 fn world_of(shot: &Shot, seed: u64) -> world::World {
     world::World::new(
-        chance::key(&[chance::key_of_name(&shot.world), seed]),
+        random::key(&[random::key_of_name(&shot.world), seed]),
         shot.theme,
     )
 }

@@ -4,19 +4,19 @@
 //! noise averaged over about that patch. Detail finer than a pixel is thereby
 //! faded out and both cameras see the same surface the same way.
 
-use super::chance::{key, mix};
-use super::vector::{least, lerp, most};
+use crate::synth::random::{key, mix};
+use crate::synth::vector::{least, lerp, most};
 
 /// Texels along one side of a tile.
 const SIZE: usize = 512;
 
 /// A square, periodic tile of noise with its pyramid.
-pub(super) struct Tile {
+pub(crate) struct Tile {
     levels: Vec<Vec<u8>>,
 }
 
 /// Both tiles.
-pub(super) struct Textures {
+pub(crate) struct Textures {
     /// Equal contrast in every octave: grain of asphalt, plaster, cloth, grass.
     pub grain: Tile,
     /// Rounded cells with gaps, uniformly distributed values: leaves, gravel.

@@ -3,17 +3,17 @@
 
 use std::cell::Cell;
 
-use super::noise::Textures;
-use super::scenery::{Footprint, label};
-use super::shapes::{Entry, Material, Plane, Shape};
-use super::street::{GroundHit, Strip, Zone};
-use super::surface;
-use super::vector::{V3, floor_i32, smooth, v3};
-use super::world::{Pose, World};
+use crate::synth::geometry::shapes::{Entry, Material, Plane, Shape};
+use crate::synth::geometry::street::{GroundHit, Strip, Zone};
+use crate::synth::noise::Textures;
+use crate::synth::objects::{Footprint, label};
+use crate::synth::shading;
+use crate::synth::vector::{V3, floor_i32, smooth, v3};
+use crate::synth::world::{Pose, World};
 
 /// What a ray has met.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Hit {
+pub(crate) struct Hit {
     pub t: f32,
     /// Outward normal in world coordinates.
     pub normal: V3,
@@ -22,7 +22,7 @@ pub(super) struct Hit {
 
 /// The thing a ray has met.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum On {
+pub(crate) enum On {
     Ground(GroundHit),
     Shape {
         index: u32,
@@ -33,7 +33,7 @@ pub(super) enum On {
 
 /// Where on a house front a ray ended: windows lie behind the wall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Recess {
+pub(crate) enum Recess {
     Wall,
     Pane,
     Reveal,
@@ -41,13 +41,13 @@ pub(super) enum Recess {
 
 /// A shape that a ray may meet and the least t at which it can.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Candidate {
+pub(crate) struct Candidate {
     pub index: u32,
     pub nearest: f32,
 }
 
 /// Everything a ray can meet in one frame, relative to an origin near the camera.
-pub(super) struct Scene<'a> {
+pub(crate) struct Scene<'a> {
     pub shapes: Vec<Shape>,
     pub planes: Vec<Plane>,
     pub strip: Strip,
@@ -143,7 +143,7 @@ impl<'a> Scene<'a> {
         if shape.skin.material == Material::Facade && entry.normal.z == 0.0 {
             let o = shape.local(origin);
             let d = shape.local_direction(direction);
-            let (t, normal, recess) = surface::enter_window(shape, o, d, entry);
+            let (t, normal, recess) = shading::enter_window(shape, o, d, entry);
             hit = Hit {
                 t,
                 normal,
@@ -171,7 +171,7 @@ impl<'a> Scene<'a> {
                     Zone::Lane => label::ROAD,
                     Zone::Parking => label::PARKING,
                     Zone::Kerb | Zone::Walk => label::SIDEWALK,
-                    Zone::Yard(super::street::Yard::Grass) => label::TERRAIN,
+                    Zone::Yard(crate::synth::geometry::street::Yard::Grass) => label::TERRAIN,
                     Zone::Yard(_) => label::PARKING,
                 };
                 (label, 0)

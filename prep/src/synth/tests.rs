@@ -12,7 +12,7 @@ const DIVISOR: u32 = 3;
 
 static STAGE: LazyLock<Stage> = LazyLock::new(|| Stage {
     textures: noise::Textures::new(),
-    shots: plan::shots(Preset::Tiny),
+    shots: preset::shots(Preset::Tiny),
 });
 
 struct Stage {
@@ -127,11 +127,11 @@ fn projected_scan_agrees_with_the_depth_of_the_picture() {
         let tiles = picture::Tiles::new(&scene, &camera);
         let picture = picture::render(&scene, &camera, &tiles);
         let (eye, axes) = rig.scanner(&scene);
-        let points = scan::scan(
+        let points = lidar::scan(
             &scene,
             eye,
             axes,
-            scan::Scanner {
+            lidar::Scanner {
                 steps: 500,
                 seed: 2,
             },

@@ -1,12 +1,12 @@
 //! Ground truth of a stereo 2015 scene: sparse disparities, labels, instances.
 
-use super::chance::{Dice, key};
-use super::picture::{Camera, Picture, Tiles};
-use super::scene::Scene;
-use super::vector::sin_cos;
+use crate::synth::random::{Dice, key};
+use crate::synth::scene::Scene;
+use crate::synth::sensors::picture::{Camera, Picture, Tiles};
+use crate::synth::vector::sin_cos;
 
 /// Disparities as KITTI stores them: pixels times 256, 0 for none.
-pub(super) struct Disparities {
+pub(crate) struct Disparities {
     pub noc: Vec<u16>,
     pub occ: Vec<u16>,
 }
@@ -16,7 +16,7 @@ const TOP_SLOPE: f32 = 0.045;
 const REACH_M: f32 = 85.0;
 
 /// Disparities of the left picture where the scanner would have measured.
-pub(super) fn disparities(
+pub(crate) fn disparities(
     scene: &Scene,
     left: &Picture,
     right: (&Camera, &Tiles),
@@ -64,7 +64,7 @@ pub(super) fn disparities(
 }
 
 /// Whether the right camera sees what lies at a position of its picture and a depth.
-pub(super) fn seen_from(
+pub(crate) fn seen_from(
     scene: &Scene,
     camera: &Camera,
     tiles: &Tiles,

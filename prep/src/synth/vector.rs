@@ -8,14 +8,14 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 /// A vector or point; metres in the world (x along the street, y left, z up).
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub(super) struct V3 {
+pub(crate) struct V3 {
     pub x: f32,
     pub y: f32,
     pub z: f32,
 }
 
 /// Shorthand constructor.
-pub(super) const fn v3(x: f32, y: f32, z: f32) -> V3 {
+pub(crate) const fn v3(x: f32, y: f32, z: f32) -> V3 {
     V3 { x, y, z }
 }
 
@@ -78,23 +78,23 @@ impl Neg for V3 {
 }
 
 /// The lesser of two numbers, neither of them NaN: one instruction, unlike `f32::min`.
-pub(super) fn least(a: f32, b: f32) -> f32 {
+pub(crate) fn least(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 /// The greater of two numbers, neither of them NaN.
-pub(super) fn most(a: f32, b: f32) -> f32 {
+pub(crate) fn most(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
 /// Largest integer not above `x`, without a call into the mathematics library.
-pub(super) fn floor_i32(x: f32) -> i32 {
+pub(crate) fn floor_i32(x: f32) -> i32 {
     let i = x as i32;
     i - i32::from((i as f32) > x)
 }
 
 /// Sine and cosine of an angle in radians, accurate to about 1e-11.
-pub(super) fn sin_cos(angle: f64) -> (f64, f64) {
+pub(crate) fn sin_cos(angle: f64) -> (f64, f64) {
     let quarter = std::f64::consts::FRAC_PI_2;
     let turns = (angle / quarter + if angle >= 0.0 { 0.5 } else { -0.5 }) as i64;
     let r = angle - turns as f64 * quarter;
@@ -118,7 +118,7 @@ pub(super) fn sin_cos(angle: f64) -> (f64, f64) {
 }
 
 /// Angle of the point (x, y) in radians, -pi..pi; good to about 1e-5.
-pub(super) fn atan2(y: f32, x: f32) -> f32 {
+pub(crate) fn atan2(y: f32, x: f32) -> f32 {
     let (ax, ay) = (x.abs(), y.abs());
     let big = ax.max(ay);
     if big == 0.0 {
@@ -139,21 +139,21 @@ pub(super) fn atan2(y: f32, x: f32) -> f32 {
 }
 
 /// Smooth step from 0 (at `a` and before) to 1 (at `b` and after).
-pub(super) fn smooth(a: f32, b: f32, x: f32) -> f32 {
+pub(crate) fn smooth(a: f32, b: f32, x: f32) -> f32 {
     let t = ((x - a) / (b - a)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
 /// `a` at 0, `b` at 1.
-pub(super) fn lerp(a: f32, b: f32, t: f32) -> f32 {
+pub(crate) fn lerp(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
 }
 
 /// A colour: linear red, green, blue.
-pub(super) type Rgb = [f32; 3];
+pub(crate) type Rgb = [f32; 3];
 
 /// Blend of two colours.
-pub(super) fn blend(a: Rgb, b: Rgb, t: f32) -> Rgb {
+pub(crate) fn blend(a: Rgb, b: Rgb, t: f32) -> Rgb {
     [
         lerp(a[0], b[0], t),
         lerp(a[1], b[1], t),
@@ -162,7 +162,7 @@ pub(super) fn blend(a: Rgb, b: Rgb, t: f32) -> Rgb {
 }
 
 /// A colour times a number.
-pub(super) fn dim(a: Rgb, k: f32) -> Rgb {
+pub(crate) fn dim(a: Rgb, k: f32) -> Rgb {
     [a[0] * k, a[1] * k, a[2] * k]
 }
 

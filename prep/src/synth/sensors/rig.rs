@@ -7,9 +7,9 @@
 //! sideways shift alone (the millimetres along the other axes are left out), and the
 //! scanner's rotation of 2011_09_26 stands in for the days where it is not known.
 
-use super::picture::Camera;
-use super::scene::Scene;
-use super::vector::{V3, v3};
+use crate::synth::scene::Scene;
+use crate::synth::sensors::picture::Camera;
+use crate::synth::vector::{V3, v3};
 
 type M3 = [[f64; 3]; 3];
 
@@ -22,7 +22,7 @@ const VELO_ROTATION: M3 = [
 
 /// One recording day.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Day {
+pub(crate) struct Day {
     pub name: &'static str,
     width: u32,
     height: u32,
@@ -36,7 +36,7 @@ pub(super) struct Day {
 }
 
 /// The five recording days.
-pub(super) const DAYS: [Day; 5] = [
+pub(crate) const DAYS: [Day; 5] = [
     Day {
         name: "2011_09_26",
         width: 1242,
@@ -116,7 +116,7 @@ pub(super) const DAYS: [Day; 5] = [
 
 /// The rig of one day at a picture size of 1/`divisor` of the native one.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rig {
+pub(crate) struct Rig {
     day: Day,
     pub width: u32,
     pub height: u32,
@@ -154,8 +154,8 @@ impl Rig {
             (pose.y - scene.origin.1) as f32,
             pose.height_m as f32,
         );
-        let (sp, cp) = super::vector::sin_cos(pose.pitch);
-        let (sr, cr) = super::vector::sin_cos(pose.roll);
+        let (sp, cp) = crate::synth::vector::sin_cos(pose.pitch);
+        let (sr, cr) = crate::synth::vector::sin_cos(pose.roll);
         let (cos, sin) = (pose.cos as f32, pose.sin as f32);
         let (sp, cp, sr, cr) = (sp as f32, cp as f32, sr as f32, cr as f32);
         let ahead = v3(cos, sin, 0.0);
@@ -279,7 +279,7 @@ impl Rig {
 }
 
 /// The day's table entry by name.
-pub(super) fn day(name: &str) -> Option<&'static Day> {
+pub(crate) fn day(name: &str) -> Option<&'static Day> {
     DAYS.iter().find(|d| d.name == name)
 }
 

@@ -3,13 +3,13 @@
 //! Beam angles follow the HDL-64E: 32 beams a third of a degree apart from +2
 //! degrees down, 32 beams half a degree apart below them.
 
-use super::chance::{Dice, key};
-use super::scene::{Candidate, Hit, On, Scene};
-use super::vector::{V3, atan2, sin_cos};
+use crate::synth::random::{Dice, key};
+use crate::synth::scene::{Candidate, Hit, On, Scene};
+use crate::synth::vector::{V3, atan2, sin_cos};
 
 /// Settings of a scan.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Scanner {
+pub(crate) struct Scanner {
     /// Rays of one beam over the front half circle.
     pub steps: usize,
     pub seed: u64,
@@ -21,7 +21,7 @@ const RANGE_M: f32 = 95.0;
 const SPREAD: f32 = 1.0 / 721.5;
 
 /// Points of the scan: x forward, y left, z up in metres, reflectance 0..1.
-pub(super) fn scan(scene: &Scene, eye: V3, axes: [V3; 3], scanner: Scanner) -> Vec<[f32; 4]> {
+pub(crate) fn scan(scene: &Scene, eye: V3, axes: [V3; 3], scanner: Scanner) -> Vec<[f32; 4]> {
     let sectors = sectors(scene, eye, axes);
     let mut dice = Dice::new(key(&[scanner.seed, 9]));
     let mut points = Vec::with_capacity(scanner.steps * 56);

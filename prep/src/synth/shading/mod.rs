@@ -1,15 +1,15 @@
 //! What surfaces look like: albedo, texture, markings, windows, and their shading.
 //!
 //! Patterns are filtered by the footprint of the pixel: noise through the pyramid
-//! of [`super::noise`], edges by the share of the footprint that they cover.
+//! of [`crate::synth::noise`], edges by the share of the footprint that they cover.
 
-use super::chance::mix;
-use super::scene::{Hit, On, Recess, Scene};
-use super::shapes::{
+use crate::synth::geometry::shapes::{
     Entry, LEAF_TEXELS_PER_M, Material, Shape, Skin, leaf_coordinates, leaf_scale, planar,
 };
-use super::street::{GroundHit, Spot, Theme, Yard, Zone};
-use super::vector::{Rgb, V3, blend, dim, floor_i32, least, most, smooth, v3};
+use crate::synth::geometry::street::{GroundHit, Spot, Theme, Yard, Zone};
+use crate::synth::random::mix;
+use crate::synth::scene::{Hit, On, Recess, Scene};
+use crate::synth::vector::{Rgb, V3, blend, dim, floor_i32, least, most, smooth, v3};
 
 /// Texels per metre of the fine and the coarse layer of grain. Their periods
 /// (16/3 m and 64 m) divide the 128 m to which scene origins are snapped.
@@ -57,7 +57,7 @@ fn hash01(seed: u32, a: i32, b: i32) -> f32 {
 }
 
 /// Radiance that comes back along a ray, and whether the sun shines where it ends.
-pub(super) fn radiance(
+pub(crate) fn radiance(
     scene: &Scene,
     hit: Option<&Hit>,
     origin: V3,
@@ -358,7 +358,7 @@ fn window_cell(shape: &Shape, local: V3, normal: V3) -> Option<Cell> {
 const WINDOW_DEPTH_M: f32 = 0.16;
 
 /// Follows a ray that meets a house front into a window: to the pane or the reveal.
-pub(super) fn enter_window(shape: &Shape, o: V3, d: V3, entry: Entry) -> (f32, V3, Recess) {
+pub(crate) fn enter_window(shape: &Shape, o: V3, d: V3, entry: Entry) -> (f32, V3, Recess) {
     let wall = (entry.t, entry.normal, Recess::Wall);
     let p = o + d * entry.t;
     let Some(cell) = window_cell(shape, p, entry.normal) else {
@@ -493,7 +493,7 @@ fn shape_look(
         Material::Tyre => {
             let r = (local.x * local.x + local.z * local.z).sqrt() / shape.high.x;
             let rim = band(r, 0.0, skin.sizes[0], foot / shape.high.x);
-            let angle = super::vector::atan2(local.z, local.x) * 0.795_774_7;
+            let angle = crate::synth::vector::atan2(local.z, local.x) * 0.795_774_7;
             let spoke = stripes(angle + (skin.seed & 7) as f32 * 0.1, 1.0, 0.55, foot * 3.0);
             matt(blend(
                 dim(skin.paint, 1.0 + fine()),

@@ -1,12 +1,12 @@
 //! Sun, sky and haze of a drive.
 
-use super::chance::{Dice, key};
-use super::noise::Textures;
-use super::vector::{Rgb, V3, blend, dim, sin_cos, smooth, v3};
+use crate::synth::noise::Textures;
+use crate::synth::random::{Dice, key};
+use crate::synth::vector::{Rgb, V3, blend, dim, sin_cos, smooth, v3};
 
 /// How a drive is lit.
 #[derive(Clone, Debug)]
-pub(super) struct Light {
+pub(crate) struct Light {
     /// Direction towards the sun (unit length).
     pub sun: V3,
     pub sun_rgb: Rgb,

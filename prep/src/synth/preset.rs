@@ -9,9 +9,9 @@ use strat_splits::{
     kitti2015_origin, validation,
 };
 
-use super::View;
-use super::chance::{Dice, key_of_name};
-use super::street::Theme;
+use crate::synth::View;
+use crate::synth::geometry::street::Theme;
+use crate::synth::random::{Dice, key_of_name};
 
 /// How much is rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -27,7 +27,7 @@ pub enum Preset {
 
 impl Preset {
     /// Name on the command line and in `WORLD.yaml`.
-    pub(super) fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Tiny => "tiny",
             Self::Demo => "demo",
@@ -36,7 +36,7 @@ impl Preset {
     }
 
     /// Native image size divided by this.
-    pub(super) fn divisor(self) -> u32 {
+    pub(crate) fn divisor(self) -> u32 {
         match self {
             Self::Tiny => 3,
             Self::Demo => 1,
@@ -45,7 +45,7 @@ impl Preset {
     }
 
     /// Rays per beam over the front half circle.
-    pub(super) fn scan_steps(self) -> usize {
+    pub(crate) fn scan_steps(self) -> usize {
         match self {
             Self::Tiny => 360,
             Self::Demo => 1000,
@@ -56,7 +56,7 @@ impl Preset {
 
 /// One stereo pair to render.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Shot {
+pub(crate) struct Shot {
     /// Name of the world it is taken in: a drive or a stereo 2015 scene of its own.
     pub world: String,
     pub theme: Theme,
@@ -68,7 +68,7 @@ pub(super) struct Shot {
 
 /// Where a shot goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Purpose {
+pub(crate) enum Purpose {
     /// A frame of a raw drive, with a scan unless the published data lack it.
     Raw { frame: FrameId, scan: bool },
     /// A stereo 2015 scene by number, with disparities and labels.
@@ -147,7 +147,7 @@ const DEMO: Choice = Choice {
 };
 
 /// The shots of a preset, raw drives first.
-pub(super) fn shots(preset: Preset) -> Vec<Shot> {
+pub(crate) fn shots(preset: Preset) -> Vec<Shot> {
     let (raw, stereo): (BTreeSet<FrameId>, Vec<usize>) = match preset {
         Preset::Tiny => chosen(&TINY),
         Preset::Demo => chosen(&DEMO),
@@ -238,7 +238,7 @@ fn raw_shot(frame: FrameId) -> Option<Shot> {
 }
 
 /// The shot of a view; `None` if KITTI has no such frame or scene.
-pub(super) fn shot(view: View) -> Option<Shot> {
+pub(crate) fn shot(view: View) -> Option<Shot> {
     match view {
         View::Frame(frame) => {
             let drive = drives().iter().find(|d| d.id == frame.drive)?;

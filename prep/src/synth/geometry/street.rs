@@ -7,16 +7,16 @@
 //! positive. The ground has two levels: carriageway at z = 0 and everything beyond
 //! the kerb a little higher.
 
-use super::chance::{Dice, key};
-use super::vector::{V3, sin_cos, smooth, v3};
+use crate::synth::random::{Dice, key};
+use crate::synth::vector::{V3, sin_cos, smooth, v3};
 use std::f64::consts::TAU;
 
 /// Length of a block in metres: what stands beside the street changes between blocks.
-pub(super) const BLOCK_M: f64 = 48.0;
+pub(crate) const BLOCK_M: f64 = 48.0;
 
 /// Character of a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Theme {
+pub(crate) enum Theme {
     City,
     Residential,
     Road,
@@ -24,7 +24,7 @@ pub(super) enum Theme {
 
 /// What stands along one side of a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Frontage {
+pub(crate) enum Frontage {
     /// Houses wall to wall.
     Terrace,
     /// Single houses with front gardens.
@@ -40,7 +40,7 @@ pub(super) enum Frontage {
 
 /// Ground beyond the pavement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Yard {
+pub(crate) enum Yard {
     Grass,
     Paved,
     Gravel,
@@ -48,7 +48,7 @@ pub(super) enum Yard {
 
 /// Cross-section of one side within a block.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Section {
+pub(crate) struct Section {
     pub frontage: Frontage,
     /// Width of the parking strip, 0 for none.
     pub parking_m: f32,
@@ -59,7 +59,7 @@ pub(super) struct Section {
 
 /// A side of the street.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Side {
+pub(crate) enum Side {
     Left,
     Right,
 }
@@ -85,7 +85,7 @@ impl Side {
 
 /// The street of a drive.
 #[derive(Clone, Debug)]
-pub(super) struct Street {
+pub(crate) struct Street {
     pub seed: u64,
     pub theme: Theme,
     pub lane_m: f32,
@@ -234,7 +234,7 @@ impl Street {
 
 /// What lies on the ground at a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Zone {
+pub(crate) enum Zone {
     Lane,
     Parking,
     Kerb,
@@ -244,7 +244,7 @@ pub(super) enum Zone {
 
 /// A point of the ground in street terms.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Spot {
+pub(crate) struct Spot {
     pub zone: Zone,
     /// Distance along the centre line in metres.
     pub along: f32,
@@ -272,7 +272,7 @@ struct Rib {
 
 /// The stretch of street around one camera position, sampled every metre, in
 /// coordinates relative to an origin near the camera.
-pub(super) struct Strip {
+pub(crate) struct Strip {
     first_x: f32,
     ribs: Vec<Rib>,
 
@@ -287,7 +287,7 @@ pub(super) struct Strip {
 
 /// Where a ray meets the ground.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct GroundHit {
+pub(crate) struct GroundHit {
     pub t: f32,
     pub normal: V3,
     pub spot: Spot,

@@ -2,7 +2,7 @@
 //! so nothing depends on the order of work or on the number of threads.
 
 /// Scrambles 64 bits (the finaliser of SplitMix64).
-pub(super) fn mix(value: u64) -> u64 {
+pub(crate) fn mix(value: u64) -> u64 {
     let mut z = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
@@ -10,21 +10,21 @@ pub(super) fn mix(value: u64) -> u64 {
 }
 
 /// One seed from several numbers; order matters.
-pub(super) fn key(parts: &[u64]) -> u64 {
+pub(crate) fn key(parts: &[u64]) -> u64 {
     parts
         .iter()
         .fold(0x5354_5241_5400_0001, |h, &p| mix(h ^ mix(p)))
 }
 
 /// A seed from a name.
-pub(super) fn key_of_name(name: &str) -> u64 {
+pub(crate) fn key_of_name(name: &str) -> u64 {
     name.bytes()
         .fold(0xCBF2_9CE4_8422_2325, |h, b| mix(h ^ u64::from(b)))
 }
 
 /// A stream of random numbers.
 #[derive(Clone, Debug)]
-pub(super) struct Dice(u64);
+pub(crate) struct Dice(u64);
 
 impl Dice {
     pub fn new(seed: u64) -> Self {

@@ -4,12 +4,12 @@
 //! (x forward, y left, z up). Rays are given in world coordinates; `t` counts in
 //! multiples of the ray's direction, which need not have unit length.
 
-use super::noise::Textures;
-use super::vector::{Rgb, V3, least, most, v3};
+use crate::synth::noise::Textures;
+use crate::synth::vector::{Rgb, V3, least, most, v3};
 
-/// What a surface is made of; decides its look in [`super::surface`].
+/// What a surface is made of; decides its look in [`crate::synth::shading`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Material {
+pub(crate) enum Material {
     /// Plastered or brick front with a grid of windows on its upright faces.
     Facade,
     Plaster,
@@ -42,7 +42,7 @@ pub(super) enum Material {
 
 /// Appearance of a shape.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Skin {
+pub(crate) struct Skin {
     pub material: Material,
     pub paint: Rgb,
     /// Second colour: frames, trousers, stripes, window panes.
@@ -54,7 +54,7 @@ pub(super) struct Skin {
 
 /// Geometry in the shape's own frame.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Form {
+pub(crate) enum Form {
     /// Between `low` and `high` of the shape.
     Block,
     /// Centred at the origin, radii = `high`, and one over them.
@@ -71,7 +71,7 @@ pub(super) enum Form {
 
 /// A thing in the world.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Shape {
+pub(crate) struct Shape {
     pub centre: V3,
     pub cos: f32,
     pub sin: f32,
@@ -87,14 +87,14 @@ pub(super) struct Shape {
 
 /// Points with `normal . p <= offset` are inside.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Plane {
+pub(crate) struct Plane {
     pub normal: V3,
     pub offset: f32,
 }
 
 /// Where a ray enters a shape.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Entry {
+pub(crate) struct Entry {
     pub t: f32,
     /// Outward normal in the shape's frame.
     pub normal: V3,
@@ -106,7 +106,7 @@ pub(super) struct Entry {
 const T_MIN: f32 = 1e-4;
 
 /// Texels of the leaf tile per metre of foliage.
-pub(super) const LEAF_TEXELS_PER_M: f32 = 56.0;
+pub(crate) const LEAF_TEXELS_PER_M: f32 = 56.0;
 
 impl Shape {
     /// World point to the shape's frame.
@@ -232,7 +232,7 @@ const SHELLS: [(f32, f32, f32); 3] = [(1.0, 0.28, 0.52), (0.86, 0.45, 0.72), (0.
 
 /// Foliage shows ever larger clumps the farther it is, so that some are always a few
 /// pixels wide: the factor on texture coordinates for a footprint in texels.
-pub(super) fn leaf_scale(width: f32) -> f32 {
+pub(crate) fn leaf_scale(width: f32) -> f32 {
     let mut scale = 1.0;
     while width * scale > 3.0 && scale > 0.07 {
         scale *= 0.5;
@@ -293,7 +293,7 @@ fn foliage(
 }
 
 /// Where on the leaf tile a point of a foliage blob lies (texels).
-pub(super) fn leaf_coordinates(shape: &Shape, local: V3, normal: V3) -> (f32, f32) {
+pub(crate) fn leaf_coordinates(shape: &Shape, local: V3, normal: V3) -> (f32, f32) {
     let (u, v) = planar(local, normal);
     let seed = shape.skin.seed;
     (
@@ -303,7 +303,7 @@ pub(super) fn leaf_coordinates(shape: &Shape, local: V3, normal: V3) -> (f32, f3
 }
 
 /// Two of the three coordinates: those across the axis that the normal follows most.
-pub(super) fn planar(p: V3, normal: V3) -> (f32, f32) {
+pub(crate) fn planar(p: V3, normal: V3) -> (f32, f32) {
     let (x, y, z) = (normal.x.abs(), normal.y.abs(), normal.z.abs());
     if z >= x && z >= y {
         (p.x, p.y)
@@ -336,7 +336,7 @@ fn pickets(shape: &Shape, o: V3, d: V3, entry: Entry, t_max: f32) -> Option<Entr
 }
 
 fn floor(x: f32) -> f32 {
-    super::vector::floor_i32(x) as f32
+    crate::synth::vector::floor_i32(x) as f32
 }
 
 fn pillar(o: V3, d: V3, radius: f32, low: f32, high: f32) -> Option<Entry> {

@@ -6,15 +6,15 @@
 //! evaluation applies to projected scans (PROTOCOL 3.5, step 4), so that scans and
 //! pictures agree there.
 
-use super::chance::{key, mix};
-use super::scene::{Candidate, Hit, On, Scene};
-use super::shapes::Material;
-use super::surface::radiance;
-use super::vector::{Rgb, V3, lerp};
+use crate::synth::geometry::shapes::Material;
+use crate::synth::random::{key, mix};
+use crate::synth::scene::{Candidate, Hit, On, Scene};
+use crate::synth::shading::radiance;
+use crate::synth::vector::{Rgb, V3, lerp};
 
 /// A camera of the rig in the scene's coordinates.
 #[derive(Clone, Debug)]
-pub(super) struct Camera {
+pub(crate) struct Camera {
     pub width: usize,
     pub height: usize,
     pub focal_px: f32,
@@ -55,7 +55,7 @@ const TILE: usize = 8;
 const NEAR_M: f32 = 0.25;
 
 /// Which shapes can be seen in which part of a picture.
-pub(super) struct Tiles {
+pub(crate) struct Tiles {
     columns: usize,
     starts: Vec<u32>,
     /// Candidates with the pixels they can be seen in: columns and rows from, to.
@@ -180,7 +180,7 @@ fn screen_box(camera: &Camera, corners: &[V3; 8]) -> Option<(Corner, Corner, f32
 }
 
 /// What a camera sees.
-pub(super) struct Picture {
+pub(crate) struct Picture {
     pub width: usize,
     pub height: usize,
     /// Linear radiance.
@@ -202,7 +202,7 @@ struct Mark {
 const BESIDE: [(f32, f32); 2] = [(-0.33, -0.25), (0.33, 0.25)];
 
 /// Renders the scene through a camera.
-pub(super) fn render(scene: &Scene, camera: &Camera, tiles: &Tiles) -> Picture {
+pub(crate) fn render(scene: &Scene, camera: &Camera, tiles: &Tiles) -> Picture {
     let (width, height) = (camera.width, camera.height);
     let spread = camera.spread();
     let mut picture = Picture {
@@ -292,11 +292,11 @@ fn mark(scene: &Scene, hit: Option<&Hit>, lit: bool) -> Mark {
         },
         Some(On::Ground(ground)) => {
             let kind = match ground.spot.zone {
-                super::street::Zone::Lane => 1,
-                super::street::Zone::Parking => 2,
-                super::street::Zone::Kerb => 3,
-                super::street::Zone::Walk => 4,
-                super::street::Zone::Yard(_) => 5,
+                crate::synth::geometry::street::Zone::Lane => 1,
+                crate::synth::geometry::street::Zone::Parking => 2,
+                crate::synth::geometry::street::Zone::Kerb => 3,
+                crate::synth::geometry::street::Zone::Walk => 4,
+                crate::synth::geometry::street::Zone::Yard(_) => 5,
             };
             Mark {
                 thing: u32::MAX - 2 * kind - u32::from(lit),
@@ -320,7 +320,7 @@ fn mark(scene: &Scene, hit: Option<&Hit>, lit: bool) -> Mark {
 
 /// How a camera turns radiance into bytes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sensor {
+pub(crate) struct Sensor {
     pub exposure: f32,
     /// Gain of each channel beside the exposure.
     pub gain: Rgb,
@@ -352,7 +352,7 @@ fn response() -> Vec<f32> {
 }
 
 /// Picture elements as the camera would store them: 8-bit RGB, row-major.
-pub(super) fn develop(picture: &Picture, sensor: &Sensor) -> Vec<u8> {
+pub(crate) fn develop(picture: &Picture, sensor: &Sensor) -> Vec<u8> {
     let curve = response();
     let mut bytes = Vec::with_capacity(picture.rgb.len() * 3);
     let seed = key(&[sensor.seed, 8]);

@@ -3,17 +3,19 @@
 //! Everything is a function of the drive's seed, the block it stands in and, for
 //! what moves, of time; a frame is populated from these without any history.
 
-use super::chance::{Dice, key};
-use super::light::Light;
-use super::picture::Sensor;
-use super::scenery::{self as make, Builder, House, Place, label, skin};
-use super::shapes::{Material, Skin};
-use super::street::{BLOCK_M, Frontage, Section, Side, Street, Theme};
-use super::vector::{V3, dim, sin_cos, v3};
+pub(crate) mod light;
+
+use crate::synth::geometry::shapes::{Material, Skin};
+use crate::synth::geometry::street::{BLOCK_M, Frontage, Section, Side, Street, Theme};
+use crate::synth::objects::{self as make, Builder, House, Place, label, skin};
+use crate::synth::random::{Dice, key};
+use crate::synth::sensors::picture::Sensor;
+use crate::synth::vector::{V3, dim, sin_cos, v3};
+use crate::synth::world::light::Light;
 
 /// A drive: street, light and everything placed by its seed.
 #[derive(Clone, Debug)]
-pub(super) struct World {
+pub(crate) struct World {
     seed: u64,
     pub street: Street,
     pub light: Light,
@@ -22,7 +24,7 @@ pub(super) struct World {
 
 /// Where the camera car is, in world coordinates.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pose {
+pub(crate) struct Pose {
     pub x: f64,
     pub y: f64,
     pub height_m: f64,

@@ -1,12 +1,12 @@
 //! Recipes: how cars, people, trees, houses and street furniture are put together
-//! from [`super::shapes`].
+//! from [`crate::synth::geometry::shapes`].
 
-use super::chance::Dice;
-use super::shapes::{Form, Material, Plane, Shape, Skin};
-use super::vector::{Rgb, V3, blend, dim, v3};
+use crate::synth::geometry::shapes::{Form, Material, Plane, Shape, Skin};
+use crate::synth::random::Dice;
+use crate::synth::vector::{Rgb, V3, blend, dim, v3};
 
 /// Cityscapes label ids (PROTOCOL 1.3).
-pub(super) mod label {
+pub(crate) mod label {
     pub const STATIC: u8 = 4;
     pub const ROAD: u8 = 7;
     pub const SIDEWALK: u8 = 8;
@@ -31,7 +31,7 @@ pub(super) mod label {
 
 /// A position on the ground with a heading.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Place {
+pub(crate) struct Place {
     pub at: V3,
     pub cos: f32,
     pub sin: f32,
@@ -53,7 +53,7 @@ impl Place {
 
 /// Collects the shapes of one frame.
 #[derive(Default)]
-pub(super) struct Builder {
+pub(crate) struct Builder {
     pub shapes: Vec<Shape>,
     pub planes: Vec<Plane>,
     /// Footprints of vehicles, for the shade under them.
@@ -63,7 +63,7 @@ pub(super) struct Builder {
 
 /// A rectangle on the ground that something stands closely above.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Footprint {
+pub(crate) struct Footprint {
     pub at: V3,
     pub cos: f32,
     pub sin: f32,
@@ -72,7 +72,7 @@ pub(super) struct Footprint {
 }
 
 /// A skin with one colour.
-pub(super) fn skin(material: Material, paint: Rgb, seed: u32) -> Skin {
+pub(crate) fn skin(material: Material, paint: Rgb, seed: u32) -> Skin {
     Skin {
         material,
         paint,
@@ -221,7 +221,7 @@ impl Builder {
 }
 
 /// Label and object number.
-pub(super) type Tag = (u8, u16);
+pub(crate) type Tag = (u8, u16);
 
 const TYRE: Rgb = [0.025, 0.025, 0.027];
 
@@ -247,7 +247,7 @@ fn car_paint(dice: &mut Dice) -> Rgb {
 }
 
 /// A passenger car that stands or drives at `place` (origin on the ground below its middle).
-pub(super) fn car(b: &mut Builder, place: Place, dice: &mut Dice) {
+pub(crate) fn car(b: &mut Builder, place: Place, dice: &mut Dice) {
     let tag = (label::CAR, b.next_object());
     let seed = dice.bits() as u32;
     let paint = car_paint(dice);
@@ -342,7 +342,7 @@ fn wheel_skin(seed: u32) -> Skin {
 }
 
 /// A delivery van.
-pub(super) fn van(b: &mut Builder, place: Place, dice: &mut Dice) {
+pub(crate) fn van(b: &mut Builder, place: Place, dice: &mut Dice) {
     let tag = (label::CAR, b.next_object());
     let seed = dice.bits() as u32;
     let length = dice.range(4.7, 5.6);
@@ -393,7 +393,7 @@ pub(super) fn van(b: &mut Builder, place: Place, dice: &mut Dice) {
 }
 
 /// A lorry with a box.
-pub(super) fn truck(b: &mut Builder, place: Place, dice: &mut Dice) {
+pub(crate) fn truck(b: &mut Builder, place: Place, dice: &mut Dice) {
     let tag = (label::TRUCK, b.next_object());
     let seed = dice.bits() as u32;
     let length = dice.range(7.0, 10.0);
@@ -457,7 +457,7 @@ pub(super) fn truck(b: &mut Builder, place: Place, dice: &mut Dice) {
 }
 
 /// A city bus.
-pub(super) fn bus(b: &mut Builder, place: Place, dice: &mut Dice) {
+pub(crate) fn bus(b: &mut Builder, place: Place, dice: &mut Dice) {
     let tag = (label::BUS, b.next_object());
     let seed = dice.bits() as u32;
     let (front, rear) = (5.9, -5.9);
@@ -526,7 +526,7 @@ fn cloth(dice: &mut Dice) -> Rgb {
 }
 
 /// A person; `stride` is the phase of walking in radians' stead, -1..1.
-pub(super) fn person(b: &mut Builder, place: Place, stride: f32, dice: &mut Dice) {
+pub(crate) fn person(b: &mut Builder, place: Place, stride: f32, dice: &mut Dice) {
     let tag = (label::PERSON, b.next_object());
     let seed = dice.bits() as u32;
     let h = dice.range(1.55, 1.9) / 1.75;
@@ -567,7 +567,7 @@ pub(super) fn person(b: &mut Builder, place: Place, stride: f32, dice: &mut Dice
 }
 
 /// A bicycle, with its rider if `ridden`.
-pub(super) fn bicycle(b: &mut Builder, place: Place, ridden: bool, pedal: f32, dice: &mut Dice) {
+pub(crate) fn bicycle(b: &mut Builder, place: Place, ridden: bool, pedal: f32, dice: &mut Dice) {
     let object = b.next_object();
     let tag = (label::BICYCLE, object);
     let seed = dice.bits() as u32;
@@ -657,7 +657,7 @@ pub(super) fn bicycle(b: &mut Builder, place: Place, ridden: bool, pedal: f32, d
 }
 
 /// Colour of foliage: green, and now and then yellow, brown or red.
-pub(super) fn leaf_colour(dice: &mut Dice) -> Rgb {
+pub(crate) fn leaf_colour(dice: &mut Dice) -> Rgb {
     let base: Rgb = dice.pick(&[
         [0.10, 0.17, 0.035],
         [0.08, 0.14, 0.03],
@@ -671,7 +671,7 @@ pub(super) fn leaf_colour(dice: &mut Dice) -> Rgb {
 }
 
 /// A broad-leaved tree; `blobs` sets how finely the crown is made.
-pub(super) fn tree(b: &mut Builder, place: Place, height: f32, blobs: usize, dice: &mut Dice) {
+pub(crate) fn tree(b: &mut Builder, place: Place, height: f32, blobs: usize, dice: &mut Dice) {
     let tag = (label::VEGETATION, 0);
     let seed = dice.bits() as u32;
     let colour = leaf_colour(dice);
@@ -696,7 +696,7 @@ pub(super) fn tree(b: &mut Builder, place: Place, height: f32, blobs: usize, dic
     for i in 0..4.min(blobs) {
         // Boughs from the top of the stem into the crown.
         let a = i as f32 * 1.7 + dice.unit();
-        let (s, c) = super::vector::sin_cos(f64::from(a));
+        let (s, c) = crate::synth::vector::sin_cos(f64::from(a));
         let to = v3(c as f32 * spread * 0.6, s as f32 * spread * 0.6, middle);
         b.rod(
             place,
@@ -709,7 +709,7 @@ pub(super) fn tree(b: &mut Builder, place: Place, height: f32, blobs: usize, dic
     }
     for i in 0..blobs {
         let turn = f64::from(i as u32) * 2.399_963 + f64::from(dice.range(0.0, 0.8));
-        let (s, c) = super::vector::sin_cos(turn);
+        let (s, c) = crate::synth::vector::sin_cos(turn);
         let level = (i as f32 + 0.5) / blobs as f32 * 2.0 - 1.0;
         let ring = (1.0 - level * level * 0.8).sqrt() * spread * dice.range(0.35, 0.75);
         let centre = v3(
@@ -735,7 +735,7 @@ pub(super) fn tree(b: &mut Builder, place: Place, height: f32, blobs: usize, dic
 }
 
 /// A conifer.
-pub(super) fn conifer(b: &mut Builder, place: Place, height: f32, tiers: usize, dice: &mut Dice) {
+pub(crate) fn conifer(b: &mut Builder, place: Place, height: f32, tiers: usize, dice: &mut Dice) {
     let tag = (label::VEGETATION, 0);
     let seed = dice.bits() as u32;
     let colour = dim([0.045, 0.085, 0.035], dice.range(0.8, 1.4));
@@ -771,7 +771,7 @@ pub(super) fn conifer(b: &mut Builder, place: Place, height: f32, tiers: usize, 
 }
 
 /// A bush of a few blobs.
-pub(super) fn bush(b: &mut Builder, place: Place, size: f32, dice: &mut Dice) {
+pub(crate) fn bush(b: &mut Builder, place: Place, size: f32, dice: &mut Dice) {
     let colour = leaf_colour(dice);
     for _ in 0..2 + dice.below(2) {
         let leaves = Skin {
@@ -793,7 +793,7 @@ pub(super) fn bush(b: &mut Builder, place: Place, size: f32, dice: &mut Dice) {
 
 /// What a building looks like.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct House {
+pub(crate) struct House {
     /// Along the street.
     pub width: f32,
     /// Away from the street.
@@ -832,7 +832,7 @@ fn roof_colour(dice: &mut Dice) -> Rgb {
 
 /// A house whose front (local -y side faces the street when `place` is turned so)
 /// stands along x; both upright face pairs carry windows.
-pub(super) fn house(b: &mut Builder, place: Place, house: House, dice: &mut Dice) {
+pub(crate) fn house(b: &mut Builder, place: Place, house: House, dice: &mut Dice) {
     let tag = (label::BUILDING, 0);
     let seed = dice.bits() as u32;
     let storey = dice.range(2.8, 3.4);
@@ -979,7 +979,7 @@ pub(super) fn house(b: &mut Builder, place: Place, house: House, dice: &mut Dice
 }
 
 /// A hall with few openings.
-pub(super) fn hall(b: &mut Builder, place: Place, size: V3, dice: &mut Dice) {
+pub(crate) fn hall(b: &mut Builder, place: Place, size: V3, dice: &mut Dice) {
     let tag = (label::BUILDING, 0);
     let seed = dice.bits() as u32;
     let paint = dice.pick(&[
@@ -1008,7 +1008,7 @@ pub(super) fn hall(b: &mut Builder, place: Place, size: V3, dice: &mut Dice) {
 }
 
 /// A lamp post with an arm over the street (towards local -y).
-pub(super) fn street_lamp(b: &mut Builder, place: Place, height: f32) {
+pub(crate) fn street_lamp(b: &mut Builder, place: Place, height: f32) {
     let tag = (label::POLE, 0);
     let metal = skin(Material::Metal, [0.22, 0.24, 0.24], 5);
     b.pillar(place, v3(0.0, 0.0, 0.0), 0.08, height, metal, tag);
@@ -1031,7 +1031,7 @@ pub(super) fn street_lamp(b: &mut Builder, place: Place, height: f32) {
 }
 
 /// A wooden pole for wires.
-pub(super) fn wire_pole(b: &mut Builder, place: Place) {
+pub(crate) fn wire_pole(b: &mut Builder, place: Place) {
     let wood = skin(Material::Bark, [0.20, 0.15, 0.11], 9);
     b.pillar(place, v3(0.0, 0.0, 0.0), 0.13, 8.5, wood, (label::POLE, 0));
     b.rod(
@@ -1045,7 +1045,7 @@ pub(super) fn wire_pole(b: &mut Builder, place: Place) {
 }
 
 /// A traffic sign that faces traffic coming along +x (it looks towards -x).
-pub(super) fn sign(b: &mut Builder, place: Place, dice: &mut Dice) {
+pub(crate) fn sign(b: &mut Builder, place: Place, dice: &mut Dice) {
     let post = skin(Material::Metal, [0.42, 0.43, 0.44], 3);
     let height = dice.range(2.2, 2.7);
     b.pillar(
@@ -1102,7 +1102,7 @@ pub(super) fn sign(b: &mut Builder, place: Place, dice: &mut Dice) {
 }
 
 /// A traffic light that faces traffic coming along +x.
-pub(super) fn signal(b: &mut Builder, place: Place, phase: u32) {
+pub(crate) fn signal(b: &mut Builder, place: Place, phase: u32) {
     let post = skin(Material::Metal, [0.25, 0.27, 0.26], 4);
     b.pillar(place, v3(0.0, 0.0, 0.0), 0.075, 3.6, post, (label::POLE, 0));
     let head = Skin {
@@ -1123,7 +1123,7 @@ pub(super) fn signal(b: &mut Builder, place: Place, phase: u32) {
 }
 
 /// Small things on the pavement: bollard, bin, cabinet, advertising column.
-pub(super) fn furniture(b: &mut Builder, place: Place, dice: &mut Dice) {
+pub(crate) fn furniture(b: &mut Builder, place: Place, dice: &mut Dice) {
     let seed = dice.bits() as u32;
     match dice.below(5) {
         0 | 1 => {
