@@ -7,7 +7,7 @@
 //! same bits on every platform.
 //!
 //! `cargo run -p strat-bench --example draw_sprites` writes the files anew; a test of
-//! `bench/tests/cues.rs` holds the committed ones against this program.
+//! `bench/tests/it/cues.rs` holds the committed ones against this program.
 
 use std::ops::{Add, Mul, Sub};
 

@@ -1,7 +1,5 @@
 //! Whole runs on a tiny set: resuming, learning, stopping, damaged files.
 
-mod prepared;
-
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -44,7 +42,7 @@ fn options(root: &Path, out: &str, settings: &[&str]) -> Options {
 
 fn set() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    prepared::write(&folder.path().join("set"), 7, 3);
+    crate::prepared::write(&folder.path().join("set"), 7, 3);
     folder
 }
 

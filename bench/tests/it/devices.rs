@@ -1,11 +1,6 @@
 //! `bench devices` and `--device` from outside.
 
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod broken;
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod support;
-
-use broken::{bench, bench_with};
+use crate::broken::{bench, bench_with};
 
 #[test]
 fn every_device_has_a_verdict() {
@@ -47,7 +42,7 @@ fn without_a_library_the_embedded_runtime_is_named() {
 #[test]
 fn no_device_is_replaced_in_silence() {
     let folder = tempfile::tempdir().unwrap();
-    let model = support::write_model(folder.path(), "m", 0.04, 0.0, "kitti");
+    let model = crate::fixtures::write_model(folder.path(), "m", 0.04, 0.0, "kitti");
     let (model, out) = (model.to_str().unwrap(), folder.path().join("out"));
     let image = folder.path().join("a.png");
     let picture = image::RgbImage::from_pixel(64, 32, image::Rgb([9, 9, 9]));

@@ -1,12 +1,10 @@
 //! Sets made in parts, sets made by killed runs, and `prep verify`, on a small rendered world.
 
-mod parts;
-
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::OnceLock;
 
-use parts::{assert_same_files, tree};
+use crate::parts::{assert_same_files, tree};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
@@ -147,7 +145,7 @@ fn kill(mut child: Child) -> bool {
 
 #[test]
 fn a_run_killed_again_and_again_ends_with_the_same_bytes() {
-    // The number of kills can be raised: STRAT_KILLS=50 cargo test --test shards
+    // The number of kills can be raised: STRAT_KILLS=50 cargo test --test it shards
     let kills: usize = std::env::var("STRAT_KILLS").map_or(6, |text| text.parse().unwrap());
     let (folder, whole) = whole();
     let all = count(&whole);

@@ -3,11 +3,10 @@
 //! Compiled with `--features wgpu` only. A software driver (Debian's `mesa-vulkan-drivers`) will do:
 //!
 //! ```text
-//! CUBECL_AUTOTUNE_LEVEL=minimal cargo test -p strat-train --features wgpu --test gpu
+//! CUBECL_AUTOTUNE_LEVEL=minimal cargo test -p strat-train --features wgpu --test it gpu
 //! ```
 //!
 //! `STRAT_GPU_SIZE=full` takes the full-width networks at 512x256 instead of the tiny ones.
-#![cfg(feature = "wgpu")]
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};

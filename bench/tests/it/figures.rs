@@ -1,13 +1,10 @@
 //! `bench figures` from outside: sheets of models side by side, Make3D, and what is said of models
 //! and images that cannot be drawn.
 
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod support;
-#[path = "support/world.rs"]
-mod world;
-
 use std::{collections::BTreeMap, fs, path::Path};
 
+use crate::fixtures::{metadata, network, write_model};
+use crate::world::{Ran, World, run, text};
 use assert_cmd::Command;
 use image::{Rgb, RgbImage};
 use strat_splits::{Role, Split};
@@ -18,8 +15,6 @@ use strat_store::{
     resize::Kernel,
     set::{Content, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample},
 };
-use support::{metadata, network, write_model};
-use world::{Ran, World, run, text};
 
 fn figures(set: &Path, out: &Path, more: &[&str]) -> Ran {
     let mut command = Command::cargo_bin("bench").unwrap();

@@ -1,7 +1,5 @@
 //! The command as it is typed: messages and exit codes.
 
-mod prepared;
-
 use assert_cmd::Command;
 
 /// Runs `train` with words split at spaces; exit code, stdout, stderr.
@@ -118,7 +116,7 @@ fn an_unknown_key_in_a_file_is_named_with_its_line() {
 fn what_is_wrong_with_the_data_is_code_1_with_a_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let set = folder.path().join("set");
-    prepared::write(&set, 0, 0);
+    crate::prepared::write(&set, 0, 0);
     let other = folder.path().join("other");
     std::fs::create_dir(&other).unwrap();
     std::fs::write(other.join("letter.txt"), "dear").unwrap();
@@ -172,7 +170,7 @@ fn what_is_wrong_with_the_data_is_code_1_with_a_sentence() {
 fn a_short_run_is_trained_resumed_and_exported() {
     let folder = tempfile::tempdir().unwrap();
     let (set, run) = (folder.path().join("set"), folder.path().join("run"));
-    prepared::write(&set, 4, 1);
+    crate::prepared::write(&set, 4, 1);
     let places = format!("--data {} --out {}", set.display(), run.display());
     // What cannot fit is refused before anything is written; what can is not.
     let (code, _, error) = train(&format!(

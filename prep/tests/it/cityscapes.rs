@@ -1,7 +1,5 @@
 //! `prep cityscapes` on tiny files in Cityscapes' layout.
 
-mod parts;
-
 use std::path::Path;
 
 use assert_cmd::Command;
@@ -173,7 +171,7 @@ fn merged_parts_are_the_set_of_a_single_run() {
     }
     let broken = "rightImg8bit/val/lindau/lindau_000004_000019_rightImg8bit.png";
     write(&root.join(broken), b"no picture");
-    parts::assert_parts_make_the_whole(1, |out, more| {
+    crate::parts::assert_parts_make_the_whole(1, |out, more| {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_prep"));
         command.args(["cityscapes", "--width", "16", "--height", "8", "--quiet"]);
         command.arg("--root").arg(root);

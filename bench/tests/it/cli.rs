@@ -1,18 +1,14 @@
 //! The `bench` command from outside: files in, tables and exit codes out.
 
-mod support;
-#[path = "support/world.rs"]
-mod world;
-
 use std::fs;
 
+use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model};
+use crate::world::{World, run, text};
 use assert_cmd::Command;
 use strat_bench::setup::{Availability, ensure_runtime};
 use strat_metrics::Row;
 use strat_onnx::metadata::Probe;
 use strat_splits::Split;
-use support::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model};
-use world::{World, run, text};
 
 #[test]
 fn a_constant_prediction_scores_what_is_worked_out_by_hand() {
@@ -24,11 +20,11 @@ fn a_constant_prediction_scores_what_is_worked_out_by_hand() {
     assert!(ran.out.contains("3 of 200 images"), "{}", ran.out);
     assert!(ran.out.contains("published"), "{}", ran.out);
 
-    let truth_px = support::DISPARITY_PX;
+    let truth_px = crate::fixtures::DISPARITY_PX;
     let predicted_px = 0.04 * 124.0;
     // Depth is proportional to 1 / disparity.
     let abs_rel = (1.0 - truth_px / predicted_px).abs();
-    let depth_m = support::FOCAL_PX * 0.54 / truth_px;
+    let depth_m = crate::fixtures::FOCAL_PX * 0.54 / truth_px;
     let rows = world.rows("out");
     assert_eq!(rows.len(), 3);
     for row in &rows {
@@ -355,7 +351,7 @@ fn a_foreign_model_is_read_with_its_description() {
         .bench("3.1", "px", &more)
         .code(0)
         .says("leakage cannot be");
-    let expected = (1.0 - support::DISPARITY_PX / (0.04 * 124.0)).abs();
+    let expected = (1.0 - crate::fixtures::DISPARITY_PX / (0.04 * 124.0)).abs();
     let abs_rel = world.rows("px")[0].score.metrics.abs_rel;
     assert!((abs_rel - expected).abs() < 1e-6, "{abs_rel}");
 
@@ -378,7 +374,7 @@ fn a_foreign_model_is_read_with_its_description() {
         .bench("3.1", "saving", &saving)
         .code(1)
         .says("leave out --save-predictions");
-    let true_m = support::FOCAL_PX * 0.54 / support::DISPARITY_PX;
+    let true_m = crate::fixtures::FOCAL_PX * 0.54 / crate::fixtures::DISPARITY_PX;
     let expected = (true_m - 0.04 * f64::from(INPUT_WIDTH)) / true_m;
     let abs_rel = world.rows("depth")[0].score.metrics.abs_rel;
     assert!((abs_rel - expected).abs() < 1e-6, "{abs_rel}");

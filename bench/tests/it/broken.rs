@@ -8,7 +8,7 @@ use strat_onnx::{
     proto::{AttributeProto, ModelProto, NodeProto, TensorProto, attribute_type, data_type},
 };
 
-/// How the network of [`crate::support::network`] is spoilt.
+/// How the network of [`crate::fixtures::network`] is spoilt.
 #[derive(Clone, Copy, Debug)]
 pub enum Fault {
     /// Every prediction gets the mean over the batch added: right for single images only.
@@ -87,7 +87,7 @@ pub fn fix_batch(bytes: &[u8]) -> Vec<u8> {
 
 /// Writes a spoilt network, with metadata and without a probe.
 pub fn write_spoilt(folder: &Path, name: &str, metadata: &ModelMetadata, fault: Fault) -> String {
-    let plain = crate::support::network(0.04, 0.1, Some(metadata));
+    let plain = crate::fixtures::network(0.04, 0.1, Some(metadata));
     let path = folder.join(format!("{name}.onnx"));
     std::fs::write(&path, spoil(&plain, fault)).unwrap();
     path.to_str().unwrap().to_owned()

@@ -1,12 +1,8 @@
 //! `bench cues` from outside: models with a known answer, sprites of every kind, bad input.
 
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod broken;
 #[allow(dead_code, reason = "the program that draws the sprites uses the rest")]
-#[path = "../sprites/draw.rs"]
+#[path = "../../sprites/draw.rs"]
 mod draw;
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod support;
 
 use std::{
     collections::BTreeMap,
@@ -14,7 +10,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use broken::{Ran, bench};
+use crate::broken::{Ran, bench};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use prost::Message as _;
 use strat_bench::cues::rows::{self, Condition, CueRow, Experiment};

@@ -1,21 +1,16 @@
 //! `bench report` from outside: what the page holds, what it says of broken files, and that a
 //! browser opens and sorts it.
 
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod support;
-#[path = "support/world.rs"]
-mod world;
-
 use std::{collections::BTreeSet, fs, path::Path, process};
 
+use crate::fixtures::write_model;
+use crate::world::{Ran, World, run, text};
 use assert_cmd::Command;
 use strat_metrics::{
     Group, Row, rows,
     statistics::{Bootstrap, summarise},
 };
 use strat_splits::Split;
-use support::write_model;
-use world::{Ran, World, run, text};
 
 fn report(folder: &Path, more: &[&str]) -> Ran {
     let mut command = Command::cargo_bin("bench").unwrap();

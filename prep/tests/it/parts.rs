@@ -38,7 +38,6 @@ pub fn merge(out: &Path) -> Output {
 /// Prepares with `command`, which is given the output folder and more options, once as a whole and
 /// once in three parts in any order, the second one late; everything is then the same byte for byte.
 /// `code` is the exit code of the whole.
-#[allow(dead_code, reason = "not all tests of parts are of this form")]
 pub fn assert_parts_make_the_whole(code: i32, command: impl Fn(&Path, &[&str]) -> Command) {
     let folder = tempfile::tempdir().unwrap();
     let (whole, parts) = (folder.path().join("whole"), folder.path().join("parts"));

@@ -1,7 +1,5 @@
 //! `prep make3d` on one made-up picture and grid in Make3D's layout.
 
-mod parts;
-
 use std::io::Write;
 use std::path::Path;
 
@@ -181,7 +179,7 @@ fn merged_parts_are_the_set_of_a_single_run() {
             write(&root.join(name), &grid);
         }
     }
-    parts::assert_parts_make_the_whole(1, |out, more| {
+    crate::parts::assert_parts_make_the_whole(1, |out, more| {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_prep"));
         command.args(["make3d", "--width", "32", "--height", "16", "--quiet"]);
         command.arg("--images").arg(root.join("Test134"));

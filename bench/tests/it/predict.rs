@@ -1,16 +1,12 @@
 //! `bench predict` from outside: images in, maps out.
 
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod broken;
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod support;
-
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
-use broken::{Fault, Ran, bench, write_spoilt};
+use crate::broken::{Fault, Ran, bench, write_spoilt};
+use crate::fixtures::{HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, WIDTH, metadata, network, write_model};
 use image::{Rgb, RgbImage};
 use strat_bench::{
     maps,
@@ -19,7 +15,6 @@ use strat_bench::{
     setup::{Availability, ensure_runtime},
 };
 use strat_store::{exr, image_files};
-use support::{HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, WIDTH, metadata, network, write_model};
 
 /// A folder of images and a place for results.
 struct World {

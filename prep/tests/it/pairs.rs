@@ -1,7 +1,5 @@
 //! `prep pairs` and `prep export` on tiny pairs made up by closed formulas.
 
-mod parts;
-
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
@@ -194,14 +192,14 @@ fn merged_parts_are_the_set_of_a_single_run() {
         command.arg("--csv").arg(&list).arg("--out").arg(out);
         command
     };
-    parts::assert_parts_make_the_whole(1, command);
+    crate::parts::assert_parts_make_the_whole(1, command);
 
     // A list that has changed between the parts is no list of one set.
     let out = world.out();
     command(&out, &["--shard", "0/2"]).output().unwrap();
     world.write("pairs.csv", csv.replace("p0,", "first,").as_bytes());
     command(&out, &["--shard", "1/2"]).output().unwrap();
-    let refused = parts::merge(&out);
+    let refused = crate::parts::merge(&out);
     let told = String::from_utf8_lossy(&refused.stderr);
     assert_eq!(refused.status.code(), Some(2), "{told}");
     assert!(told.contains("made from different frames"), "{told}");

@@ -1,7 +1,4 @@
 //! Runs that are killed or interrupted, and go on as if nothing had happened.
-#![cfg(unix)]
-
-mod prepared;
 
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -66,11 +63,11 @@ fn assert_same_run(a: &Path, b: &Path) {
 
 #[test]
 fn a_run_killed_again_and_again_ends_with_the_same_weights() {
-    // The number of kills can be raised: STRAT_KILLS=20 cargo test --test kills
+    // The number of kills can be raised: STRAT_KILLS=20 cargo test --test it kills
     let kills: usize = std::env::var("STRAT_KILLS").map_or(5, |text| text.parse().unwrap());
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("set");
-    prepared::write(&data, 7, 3);
+    crate::prepared::write(&data, 7, 3);
     let whole = folder.path().join("whole");
     let (code, text) = finish(start(&data, &whole));
     assert_eq!(code, Some(0), "{text}");
@@ -112,7 +109,7 @@ fn a_run_killed_again_and_again_ends_with_the_same_weights() {
 fn an_interrupt_ends_with_a_checkpoint_of_the_last_step() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("set");
-    prepared::write(&data, 7, 3);
+    crate::prepared::write(&data, 7, 3);
     let whole = folder.path().join("whole");
     finish(start(&data, &whole));
 

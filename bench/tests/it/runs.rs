@@ -1,10 +1,5 @@
 //! Runs without a model, in parts, and broken off: what comes out is what one run would give.
 
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod support;
-#[path = "support/world.rs"]
-mod world;
-
 use std::{
     fs,
     io::Write as _,
@@ -12,6 +7,10 @@ use std::{
     process::{Command as Process, Stdio},
 };
 
+use crate::fixtures::{
+    HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, SCAN_DEPTH_M, WIDTH, network, write_model,
+};
+use crate::world::{Ran, World, run, text};
 use assert_cmd::Command;
 use ndarray::Array3;
 use strat_onnx::graph::{Filter, Geometry, GraphBuilder};
@@ -21,8 +20,6 @@ use strat_store::{
     image_files,
     raster::Plane,
 };
-use support::{HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, SCAN_DEPTH_M, WIDTH, network, write_model};
-use world::{Ran, World, run, text};
 
 /// Files that must not depend on how a run was divided or interrupted.
 const RESULTS: [&str; 3] = ["rows.csv", "leaderboard.csv", "table_3_1.csv"];
@@ -173,7 +170,7 @@ fn a_folder_of_pictures_is_read_by_the_names_of_the_images() {
     fs::write(folder.join("predictions.yaml"), "meaning: disparity_px\n").unwrap();
     world.bench("3.1", "out", &asked).code(0);
     let rows = world.rows("out");
-    let expected = (1.0 - support::DISPARITY_PX / f64::from(disparity_px)).abs();
+    let expected = (1.0 - crate::fixtures::DISPARITY_PX / f64::from(disparity_px)).abs();
     assert_eq!(rows.len(), 3);
     for row in &rows {
         let abs_rel = row.score.metrics.abs_rel;
@@ -497,7 +494,11 @@ fn both_layouts_see_the_same_picture() {
 fn an_output_of_zeros_is_counted_and_called_dead() {
     let world = World::new(Split::Kitti, 2, false);
     let path = world.path("zero.onnx");
-    fs::write(&path, network(0.0, 0.0, Some(&support::metadata("kitti")))).unwrap();
+    fs::write(
+        &path,
+        network(0.0, 0.0, Some(&crate::fixtures::metadata("kitti"))),
+    )
+    .unwrap();
     world
         .bench("3.1", "out", &["--model", &text(&path)])
         .code(0)

@@ -1,23 +1,18 @@
 //! `bench latency` from outside. Nothing here depends on how fast the machine is.
 
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod broken;
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod support;
-
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
-use broken::{Fault, Ran, bench, write_spoilt};
+use crate::broken::{Fault, Ran, bench, write_spoilt};
+use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model, write_set};
 use strat_bench::{
     latency::{self, LatencyRow, Scenario, Stage},
     setup::{Availability, ensure_runtime},
 };
 use strat_onnx::metadata::Probe;
 use strat_splits::Split;
-use support::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model, write_set};
 
 struct World {
     folder: tempfile::TempDir,
@@ -197,7 +192,7 @@ fn a_fixed_batch_is_said() {
     let path = world.path("fixed.onnx");
     fs::write(
         &path,
-        broken::fix_batch(&network(0.04, 0.1, Some(&metadata))),
+        crate::broken::fix_batch(&network(0.04, 0.1, Some(&metadata))),
     )
     .unwrap();
     let ran = world.latency(SET, path.to_str().unwrap(), &["--batch", "1,4"]);

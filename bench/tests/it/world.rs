@@ -9,7 +9,7 @@ use assert_cmd::Command;
 use strat_metrics::{Row, rows};
 use strat_splits::Split;
 
-use crate::support::write_set;
+use crate::fixtures::write_set;
 
 /// A folder with a set and a place for results.
 pub struct World {

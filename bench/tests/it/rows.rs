@@ -1,16 +1,11 @@
 //! Commands that work on rows alone: compare, publish, verify-leaderboard, render.
 
-#[allow(dead_code, reason = "each test file needs another part of it")]
-mod support;
-#[path = "support/world.rs"]
-mod world;
-
 use std::{fs, path::Path};
 
+use crate::fixtures::write_model;
+use crate::world::{Ran, World, run, text};
 use assert_cmd::Command;
 use strat_splits::Split;
-use support::write_model;
-use world::{Ran, World, run, text};
 
 fn bench(words: &[&str]) -> Ran {
     run(Command::cargo_bin("bench").unwrap().args(words))

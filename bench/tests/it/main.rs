@@ -1,0 +1,15 @@
+//! `bench` from outside, as it is typed: one program, so that it is linked once.
+
+mod broken;
+mod cli;
+mod cues;
+mod devices;
+mod figures;
+mod fixtures;
+mod latency;
+mod predict;
+mod report;
+mod rows;
+mod runs;
+mod runtimes;
+mod world;

@@ -1,0 +1,7 @@
+//! What holds across crates: the dependency rules, the whole way from images to tables, and real
+//! frames where there are some.
+
+mod architecture;
+mod kitti_samples;
+mod oracle;
+mod pipeline;

@@ -1,0 +1,4 @@
+//! ONNX files as others write, read and damage them.
+
+mod network;
+mod robustness;
