@@ -2,8 +2,14 @@
 
 mod cityscapes;
 mod cli;
+mod damage;
+mod inputs;
 mod make3d;
 mod pairs;
 mod parts;
+#[cfg(unix)]
+mod permissions;
 mod plan;
+mod sets;
 mod shards;
+mod world;
