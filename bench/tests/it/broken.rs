@@ -1,4 +1,4 @@
-//! Networks that load well and go wrong later, and the command that is asked about them.
+//! Networks that load well and go wrong later.
 
 use std::path::Path;
 
@@ -91,50 +91,4 @@ pub fn write_spoilt(folder: &Path, name: &str, metadata: &ModelMetadata, fault: 
     let path = folder.join(format!("{name}.onnx"));
     std::fs::write(&path, spoil(&plain, fault)).unwrap();
     path.to_str().unwrap().to_owned()
-}
-
-/// What a command said.
-pub struct Ran {
-    pub code: i32,
-    pub out: String,
-    pub err: String,
-}
-
-impl Ran {
-    #[track_caller]
-    pub fn code(&self, code: i32) -> &Self {
-        assert_eq!(
-            self.code, code,
-            "stdout:\n{}\nstderr:\n{}",
-            self.out, self.err
-        );
-        assert!(!self.err.contains("panicked"), "{}", self.err);
-        self
-    }
-
-    #[track_caller]
-    pub fn says(&self, text: &str) -> &Self {
-        assert!(self.err.contains(text), "no {text:?} in:\n{}", self.err);
-        self
-    }
-}
-
-/// Runs `bench` with the given arguments.
-pub fn bench(arguments: &[&str]) -> Ran {
-    bench_with(arguments, &[])
-}
-
-/// Runs `bench` with further environment variables.
-pub fn bench_with(arguments: &[&str], environment: &[(&str, &str)]) -> Ran {
-    let output = assert_cmd::Command::cargo_bin("bench")
-        .unwrap()
-        .args(arguments)
-        .envs(environment.iter().copied())
-        .output()
-        .unwrap();
-    Ran {
-        code: output.status.code().unwrap_or(-1),
-        out: String::from_utf8(output.stdout).unwrap(),
-        err: String::from_utf8(output.stderr).unwrap(),
-    }
 }

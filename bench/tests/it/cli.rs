@@ -2,13 +2,15 @@
 
 use std::fs;
 
-use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model};
-use crate::world::{World, run, text};
 use assert_cmd::Command;
 use strat_bench::setup::{Availability, ensure_runtime};
 use strat_metrics::Row;
 use strat_onnx::metadata::Probe;
 use strat_splits::Split;
+
+use crate::command::{run, text};
+use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model};
+use crate::world::World;
 
 #[test]
 fn a_constant_prediction_scores_what_is_worked_out_by_hand() {

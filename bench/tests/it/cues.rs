@@ -10,7 +10,6 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::broken::{Ran, bench};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use prost::Message as _;
 use strat_bench::cues::rows::{self, Condition, CueRow, Experiment};
@@ -26,6 +25,8 @@ use strat_store::{
     resize::Kernel,
     set::{Count, FORMAT, FileRef, Manifest, PreparedSet, Sample},
 };
+
+use crate::command::{Ran, bench};
 
 /// A third of KITTI's size.
 const WIDTH: u32 = 414;

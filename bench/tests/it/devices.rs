@@ -1,6 +1,6 @@
 //! `bench devices` and `--device` from outside.
 
-use crate::broken::{bench, bench_with};
+use crate::command::{bench, bench_with};
 
 #[test]
 fn every_device_has_a_verdict() {

@@ -3,8 +3,6 @@
 
 use std::{collections::BTreeMap, fs, path::Path};
 
-use crate::fixtures::{metadata, network, write_model};
-use crate::world::{Ran, World, run, text};
 use assert_cmd::Command;
 use image::{Rgb, RgbImage};
 use strat_splits::{Role, Split};
@@ -15,6 +13,10 @@ use strat_store::{
     resize::Kernel,
     set::{Content, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample},
 };
+
+use crate::command::{Ran, run, text};
+use crate::fixtures::{metadata, network, write_model};
+use crate::world::World;
 
 fn figures(set: &Path, out: &Path, more: &[&str]) -> Ran {
     let mut command = Command::cargo_bin("bench").unwrap();

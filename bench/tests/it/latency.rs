@@ -5,14 +5,16 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::broken::{Fault, Ran, bench, write_spoilt};
-use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model, write_set};
 use strat_bench::{
     latency::{self, LatencyRow, Scenario, Stage},
     setup::{Availability, ensure_runtime},
 };
 use strat_onnx::metadata::Probe;
 use strat_splits::Split;
+
+use crate::broken::{Fault, fix_batch, write_spoilt};
+use crate::command::{Ran, bench};
+use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model, write_set};
 
 struct World {
     folder: tempfile::TempDir,
@@ -190,11 +192,7 @@ fn a_fixed_batch_is_said() {
     let mut metadata = metadata("kitti");
     metadata.probe = None;
     let path = world.path("fixed.onnx");
-    fs::write(
-        &path,
-        crate::broken::fix_batch(&network(0.04, 0.1, Some(&metadata))),
-    )
-    .unwrap();
+    fs::write(&path, fix_batch(&network(0.04, 0.1, Some(&metadata)))).unwrap();
     let ran = world.latency(SET, path.to_str().unwrap(), &["--batch", "1,4"]);
     ran.code(0).says("fixed batch of 1");
     assert!(world.rows().iter().all(|row| row.batch == 1));

@@ -2,6 +2,7 @@
 
 mod broken;
 mod cli;
+mod command;
 mod cues;
 mod devices;
 mod figures;

@@ -5,8 +5,6 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::broken::{Fault, Ran, bench, write_spoilt};
-use crate::fixtures::{HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, WIDTH, metadata, network, write_model};
 use image::{Rgb, RgbImage};
 use strat_bench::{
     maps,
@@ -15,6 +13,10 @@ use strat_bench::{
     setup::{Availability, ensure_runtime},
 };
 use strat_store::{exr, image_files};
+
+use crate::broken::{Fault, write_spoilt};
+use crate::command::{Ran, bench};
+use crate::fixtures::{HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, WIDTH, metadata, network, write_model};
 
 /// A folder of images and a place for results.
 struct World {

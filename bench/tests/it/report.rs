@@ -3,14 +3,16 @@
 
 use std::{collections::BTreeSet, fs, path::Path, process};
 
-use crate::fixtures::write_model;
-use crate::world::{Ran, World, run, text};
 use assert_cmd::Command;
 use strat_metrics::{
     Group, Row, rows,
     statistics::{Bootstrap, summarise},
 };
 use strat_splits::Split;
+
+use crate::command::{Ran, run, text};
+use crate::fixtures::write_model;
+use crate::world::World;
 
 fn report(folder: &Path, more: &[&str]) -> Ran {
     let mut command = Command::cargo_bin("bench").unwrap();

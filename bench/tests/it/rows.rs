@@ -2,10 +2,12 @@
 
 use std::{fs, path::Path};
 
-use crate::fixtures::write_model;
-use crate::world::{Ran, World, run, text};
 use assert_cmd::Command;
 use strat_splits::Split;
+
+use crate::command::{Ran, run, text};
+use crate::fixtures::write_model;
+use crate::world::World;
 
 fn bench(words: &[&str]) -> Ran {
     run(Command::cargo_bin("bench").unwrap().args(words))

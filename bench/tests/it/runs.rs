@@ -7,10 +7,6 @@ use std::{
     process::{Command as Process, Stdio},
 };
 
-use crate::fixtures::{
-    HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, SCAN_DEPTH_M, WIDTH, network, write_model,
-};
-use crate::world::{Ran, World, run, text};
 use assert_cmd::Command;
 use ndarray::Array3;
 use strat_onnx::graph::{Filter, Geometry, GraphBuilder};
@@ -20,6 +16,12 @@ use strat_store::{
     image_files,
     raster::Plane,
 };
+
+use crate::command::{Ran, run, text};
+use crate::fixtures::{
+    HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, SCAN_DEPTH_M, WIDTH, network, write_model,
+};
+use crate::world::World;
 
 /// Files that must not depend on how a run was divided or interrupted.
 const RESULTS: [&str; 3] = ["rows.csv", "leaderboard.csv", "table_3_1.csv"];

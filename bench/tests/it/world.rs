@@ -1,14 +1,12 @@
 //! A prepared set in a folder of its own, and the `bench` command run over it.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{fs, path::PathBuf};
 
 use assert_cmd::Command;
 use strat_metrics::{Row, rows};
 use strat_splits::Split;
 
+use crate::command::{Ran, run};
 use crate::fixtures::write_set;
 
 /// A folder with a set and a place for results.
@@ -45,46 +43,4 @@ impl World {
         let file = fs::File::open(self.path(out).join("rows.csv")).unwrap();
         rows::read(file).unwrap()
     }
-}
-
-pub struct Ran {
-    pub code: i32,
-    pub out: String,
-    pub err: String,
-}
-
-impl Ran {
-    #[track_caller]
-    pub fn code(&self, code: i32) -> &Self {
-        assert_eq!(
-            self.code, code,
-            "stdout:\n{}\nstderr:\n{}",
-            self.out, self.err
-        );
-        self
-    }
-
-    #[track_caller]
-    pub fn says(&self, text: &str) -> &Self {
-        assert!(
-            self.err.contains(text),
-            "no {text:?} in stderr:\n{}",
-            self.err
-        );
-        assert!(!self.err.contains("panicked"), "{}", self.err);
-        self
-    }
-}
-
-pub fn run(command: &mut Command) -> Ran {
-    let output = command.output().unwrap();
-    Ran {
-        code: output.status.code().unwrap_or(-1),
-        out: String::from_utf8(output.stdout).unwrap(),
-        err: String::from_utf8(output.stderr).unwrap(),
-    }
-}
-
-pub fn text(path: &Path) -> String {
-    path.to_str().unwrap().to_owned()
 }
