@@ -3,5 +3,6 @@
 
 mod architecture;
 mod kitti_samples;
+mod modules;
 mod oracle;
 mod pipeline;
