@@ -765,7 +765,7 @@ mod tests {
     #[test]
     fn the_provider_is_what_the_library_reports() {
         if let setup::Availability::Unavailable(reason) = setup::ensure_runtime() {
-            eprintln!("skipped: {reason}");
+            strat_needs::Need::OnnxRuntime.is_lacking(reason);
             return;
         }
         let mut graph = strat_onnx::graph::GraphBuilder::new("one node");
@@ -786,7 +786,7 @@ mod tests {
     #[test]
     fn a_provider_that_cannot_start_is_an_error() {
         if let setup::Availability::Unavailable(reason) = setup::ensure_runtime() {
-            eprintln!("skipped: {reason}");
+            strat_needs::Need::OnnxRuntime.is_lacking(reason);
             return;
         }
         let file = tempfile::NamedTempFile::new().unwrap();

@@ -3,13 +3,12 @@
 use std::fs;
 
 use assert_cmd::Command;
-use strat_bench::setup::{Availability, ensure_runtime};
 use strat_metrics::Row;
 use strat_onnx::metadata::Probe;
 use strat_splits::Split;
 
 use crate::command::{run, text};
-use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model};
+use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, onnxruntime, write_model};
 use crate::world::World;
 
 #[test]
@@ -218,8 +217,7 @@ fn saved_predictions_are_what_the_network_gave() {
 
 #[test]
 fn both_runtimes_give_the_same_table() {
-    if let Availability::Unavailable(reason) = ensure_runtime() {
-        eprintln!("skipped: {reason}");
+    if onnxruntime().is_none() {
         return;
     }
     let world = World::new(Split::Kitti, 3, true);

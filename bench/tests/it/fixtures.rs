@@ -9,6 +9,8 @@ use std::{
 };
 
 use image::{Rgb, RgbImage};
+use strat_bench::setup::{Availability, ensure_runtime};
+use strat_needs::Need;
 use strat_onnx::{
     embedded::EmbeddedSession,
     graph::{Filter, Geometry, GraphBuilder},
@@ -236,4 +238,15 @@ pub fn write_model(folder: &Path, name: &str, constant: f32, factor: f32, split:
     let path = folder.join(format!("{name}.onnx"));
     std::fs::write(&path, network(constant, factor, Some(&metadata))).unwrap();
     path
+}
+
+/// The library of ONNX Runtime, installed where it was missing.
+pub fn onnxruntime() -> Option<PathBuf> {
+    match ensure_runtime() {
+        Availability::Ready(library) => Some(library),
+        Availability::Unavailable(reason) => {
+            Need::OnnxRuntime.is_lacking(reason);
+            None
+        }
+    }
 }

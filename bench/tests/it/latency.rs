@@ -5,16 +5,15 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use strat_bench::{
-    latency::{self, LatencyRow, Scenario, Stage},
-    setup::{Availability, ensure_runtime},
-};
+use strat_bench::latency::{self, LatencyRow, Scenario, Stage};
 use strat_onnx::metadata::Probe;
 use strat_splits::Split;
 
 use crate::broken::{Fault, fix_batch, write_spoilt};
 use crate::command::{Ran, bench};
-use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, write_model, write_set};
+use crate::fixtures::{
+    INPUT_HEIGHT, INPUT_WIDTH, metadata, network, onnxruntime, write_model, write_set,
+};
 
 struct World {
     folder: tempfile::TempDir,
@@ -168,10 +167,7 @@ fn what_predicts_something_else_in_a_batch_is_not_timed() {
 #[test]
 fn a_batch_that_fails_is_a_sentence() {
     let mut runtimes = vec!["embedded"];
-    match ensure_runtime() {
-        Availability::Ready(_) => runtimes.push("ort"),
-        Availability::Unavailable(reason) => eprintln!("ONNX Runtime skipped: {reason}"),
-    }
+    runtimes.extend(onnxruntime().map(|_| "ort"));
     for runtime in runtimes {
         let world = World::new();
         let shape = [1, 2, i64::from(INPUT_HEIGHT), i64::from(INPUT_WIDTH)];

@@ -10,13 +10,14 @@ use strat_bench::{
     maps,
     model::{self, Model},
     runtime::{Device, Runtime, RuntimeChoice},
-    setup::{Availability, ensure_runtime},
 };
 use strat_store::{exr, image_files};
 
 use crate::broken::{Fault, write_spoilt};
 use crate::command::{Ran, bench};
-use crate::fixtures::{HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, WIDTH, metadata, network, write_model};
+use crate::fixtures::{
+    HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, WIDTH, metadata, network, onnxruntime, write_model,
+};
 
 /// A folder of images and a place for results.
 struct World {
@@ -328,10 +329,7 @@ fn foreign_models_are_taken_at_their_word() {
 #[test]
 fn a_model_that_fails_on_its_way_is_a_sentence() {
     let mut runtimes = vec!["embedded"];
-    match ensure_runtime() {
-        Availability::Ready(_) => runtimes.push("ort"),
-        Availability::Unavailable(reason) => eprintln!("ONNX Runtime skipped: {reason}"),
-    }
+    runtimes.extend(onnxruntime().map(|_| "ort"));
     for runtime in runtimes {
         let world = World::new();
         // 7 x 7 pixels cannot be made of 32 x 16.

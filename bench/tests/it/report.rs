@@ -8,6 +8,7 @@ use strat_metrics::{
     Group, Row, rows,
     statistics::{Bootstrap, summarise},
 };
+use strat_needs::Need;
 use strat_splits::Split;
 
 use crate::command::{Ran, run, text};
@@ -226,7 +227,7 @@ fn chromium() -> Option<&'static str> {
 #[test]
 fn a_browser_opens_and_sorts_it() {
     let Some(chromium) = chromium() else {
-        eprintln!("skipped: no chromium in the path");
+        Need::Chromium.is_lacking("none in the path");
         return;
     };
     let world = two_runs();

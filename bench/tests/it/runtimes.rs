@@ -1,13 +1,12 @@
 //! Both runtimes on the same small networks. ONNX Runtime is installed when it is missing; where
-//! that is impossible the comparisons report themselves as skipped.
+//! that is impossible the comparisons say so.
 
 use std::path::{Path, PathBuf};
 
-use strat_bench::{
-    runtime::{Device, Runtime, RuntimeChoice},
-    setup::{Availability, ensure_runtime},
-};
+use strat_bench::runtime::{Device, Runtime, RuntimeChoice};
 use strat_onnx::graph::{Filter, Geometry, GraphBuilder};
+
+use crate::fixtures::onnxruntime;
 
 /// A network with every kind of layer the generator has, deterministic weights.
 fn write_network(folder: &Path) -> PathBuf {
@@ -51,13 +50,7 @@ fn write_network(folder: &Path) -> PathBuf {
 
 #[test]
 fn both_runtimes_agree() {
-    let library = match ensure_runtime() {
-        Availability::Ready(library) => library,
-        Availability::Unavailable(reason) => {
-            eprintln!("skipped: {reason}");
-            return;
-        }
-    };
+    let Some(library) = onnxruntime() else { return };
     let folder = tempfile::tempdir().unwrap();
     let path = write_network(folder.path());
     let image = strat_onnx::metadata::probe_image(64, 32);
@@ -100,10 +93,7 @@ fn a_wrong_input_is_a_sentence_in_both() {
     let folder = tempfile::tempdir().unwrap();
     let path = write_network(folder.path());
     let mut choices = vec![RuntimeChoice::Embedded];
-    match ensure_runtime() {
-        Availability::Ready(_) => choices.push(RuntimeChoice::Ort),
-        Availability::Unavailable(reason) => eprintln!("ONNX Runtime skipped: {reason}"),
-    }
+    choices.extend(onnxruntime().map(|_| RuntimeChoice::Ort));
     for choice in choices {
         let (runtime, _) = Runtime::resolve(choice, Device::Cpu).unwrap();
         let mut session = runtime.load(&path, Device::Cpu, 1).unwrap();

@@ -3,6 +3,7 @@
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 
+use strat_needs::Need;
 use strat_store::image_files;
 
 use crate::world::{DRIVE_1, DRIVE_2, Outcome, World, assert_has, picture};
@@ -27,10 +28,8 @@ fn as_nobody(world: &World, args: &[&str]) -> Option<Outcome> {
     let output = match command.output() {
         Ok(output) => output,
         Err(error) => {
-            eprintln!(
-                "skipped: cannot run {} as another user: {error}",
-                program.display()
-            );
+            let program = program.display();
+            Need::OrdinaryUser.is_lacking(format!("cannot run {program} as another user: {error}"));
             return None;
         }
     };

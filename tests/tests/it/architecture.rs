@@ -47,6 +47,7 @@ fn crates_use_only_what_the_architecture_allows() {
         ("strat-store", &["strat-splits"]),
         ("strat-onnx", &[]),
         ("strat-metrics", &[]),
+        ("strat-needs", &[]),
         (
             "strat-prep",
             &["strat-splits", "strat-geometry", "strat-store"],

@@ -6,6 +6,7 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 
+use strat_needs::Need;
 use strat_splits::Role;
 use strat_store::{exr, set::PreparedSet};
 use strat_tests::steps::Command;
@@ -14,7 +15,8 @@ fn samples() -> Option<PathBuf> {
     match std::env::var_os("STRAT_KITTI_SAMPLES") {
         Some(folder) => Some(folder.into()),
         None => {
-            eprintln!("skipped: STRAT_KITTI_SAMPLES names no folder with real KITTI frames");
+            Need::KittiFrames
+                .is_lacking("STRAT_KITTI_SAMPLES names no folder with real KITTI frames");
             None
         }
     }

@@ -10,6 +10,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use strat_metrics::rows;
+use strat_needs::Need;
 use strat_splits::{Role, Split};
 use strat_store::set::PreparedSet;
 use strat_tests::steps::Command;
@@ -20,7 +21,8 @@ type Expected = BTreeMap<String, BTreeMap<String, Vec<f64>>>;
 fn folders() -> Option<(PathBuf, PathBuf)> {
     let named = ["STRAT_ORACLE", "STRAT_KITTI_SAMPLES"].map(std::env::var_os);
     let [Some(oracle), Some(samples)] = named else {
-        eprintln!("skipped: STRAT_ORACLE and STRAT_KITTI_SAMPLES name no oracle and no frames");
+        Need::KittiFrames
+            .is_lacking("STRAT_ORACLE and STRAT_KITTI_SAMPLES name no oracle and no frames");
         return None;
     };
     Some((oracle.into(), samples.into()))

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use strat_bench::setup::{Availability, ensure_runtime};
 use strat_metrics::Row;
+use strat_needs::Need;
 use strat_tests::steps::{Command, Plan};
 
 /// A configuration small enough for a test; everything not named is the demo's.
@@ -113,7 +114,7 @@ fn from_a_rendered_world_to_tables() {
     // ONNX Runtime computes what the embedded runtime computes.
     match ensure_runtime() {
         Availability::Unavailable(reason) => {
-            eprintln!("skipped the comparison with ONNX Runtime: {reason}");
+            Need::OnnxRuntime.is_lacking(reason);
         }
         Availability::Ready(_) => {
             let out = folder.path().join("ort");
