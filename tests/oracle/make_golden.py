@@ -1,0 +1,304 @@
+#!/usr/bin/env python3
+"""Makes the golden values that the workspace's unit tests hold, as JSON: name to list of numbers.
+
+    python3 tests/oracle/make_golden.py                 all of them
+    python3 tests/oracle/make_golden.py train/sampler   one of them
+
+A test names its recipe as `make_golden.py train/sampler`; the test `golden` runs this program and looks
+for each number among those of the file that names it. Inputs are closed formulas, the same here
+and in the test. A recipe whose package is not installed is left out: see requirements.txt.
+"""
+
+import csv
+import hashlib
+import json
+import pathlib
+import sys
+
+import numpy as np
+
+import evaluation
+import geometry
+import inference
+import training
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+RECIPES = {}
+
+
+def recipe(name):
+    """Registers a function that returns numbers (or text) in any nesting."""
+
+    def register(function):
+        RECIPES[name] = function
+        return function
+
+    return register
+
+
+# Evaluation: one image of 1242x375 and two network outputs of 512x256.
+
+
+def network_outputs():
+    y, x = np.mgrid[0:256, 0:512].astype(float)
+    near = np.maximum(y - 90, 0) / 165
+    plain = 0.0012 + 0.062 * near + 0.0006 * np.sin(x / 17) * np.cos(y / 11)
+    mirrored = 0.0012 + 0.060 * near + 0.0006 * np.sin((511 - x) / 19) * np.cos(y / 13)
+    return plain.astype(np.float32), mirrored.astype(np.float32)
+
+
+def truth():
+    """(disparity in pixels, depth in metres), 0 where nothing is measured."""
+    y, x = np.mgrid[0:375, 0:1242]
+    disparity = np.floor((5 + 76 * (y - 120.0) / 255 + 2 * np.sin(x / 40)) * 256) / 256
+    disparity = np.where((y > 120) & ((x * 7 + y * 13) % 5 == 0), disparity, 0).astype(np.float32)
+    with np.errstate(divide="ignore"):
+        depth = np.where(disparity > 0, np.float32(384.38148) / disparity + np.float32(0.27), 0)
+    return disparity, depth
+
+
+@recipe("metrics/eigen")
+def _():
+    (plain, _), (_, depth), camera = network_outputs(), truth(), (721.5377, 0.532_725_428)
+    return [
+        evaluation.eigen(depth, plain, camera),
+        evaluation.eigen(depth, plain, camera, far=50.0),
+        evaluation.eigen(depth, plain, camera, near=1.0, far=50.0),
+        evaluation.eigen(depth, plain, camera, median=True),
+        evaluation.eigen(depth, plain, camera, crop=None),
+        # Pixels scored with the Garg crop and without.
+        [int(((depth > 1e-3) & (depth < 80) & geometry.crop(c, 375, 1242)).sum()) for c in ("garg", None)],
+    ]
+
+
+@recipe("metrics/kitti")
+def _():
+    (plain, _), (disparity, _) = network_outputs(), truth()
+    return [evaluation.kitti2015(disparity, plain), int((disparity > 0).sum())]
+
+
+@recipe("metrics/groups")
+def _():
+    """For each group: root over all pixels, mean over images, pixels."""
+    (plain, mirrored), (disparity, _) = network_outputs(), truth()
+    y, x = np.mgrid[0:375, 0:1242]
+    labels = (y // 5 + x // 7) % 34
+    without = np.where((labels == 24) | (labels == 25), 0, labels)
+    found = {name: [] for name in evaluation.GROUPS}
+    for fraction, ids in ((plain, labels), (mirrored, without)):
+        measured, true, depth, _, _ = evaluation.stereo_pixels(disparity, fraction)
+        for name, at in evaluation.by_group(measured, ids):
+            found[name].append((true[at] - depth[at]) ** 2)
+    return [
+        [
+            float(np.sqrt(np.concatenate(images).mean())),
+            float(np.mean([np.sqrt(squares.mean()) for squares in images])),
+            sum(squares.size for squares in images),
+        ]
+        for images in found.values()
+    ]
+
+
+@recipe("metrics/flip")
+def _():
+    plain, mirrored = (plane.astype(float) for plane in network_outputs())
+    return geometry.flip_blend(plain, mirrored)[200, [0, 30, 40, 256, 480, 511]]
+
+
+# Paired tests.
+
+
+@recipe("metrics/exact-p")
+def _():
+    ten = [0.5, -0.3, 1.2, 0.8, -0.1, 0.9, 0.4, 1.1, -0.6, 0.7]
+    return [inference.sign_flips(ten), inference.wilcoxon_exact(ten)]
+
+
+@recipe("metrics/wilcoxon-ties")
+def _():
+    ties = [0.5, -0.5, 0.5, 1.0, 1.0, 0.0, 2.0, -0.25, 3.0, 4.0, -1.0, 2.5]
+    return [inference.wilcoxon_normal(ties)]
+
+
+# Splits.
+
+
+@recipe("splits/validation")
+def _():
+    """SHA-256 of the validation frames of both splits, one a line."""
+    with open(ROOT / "splits/data/drives.csv", newline="") as file:
+        drives = list(csv.DictReader(file))
+    found = []
+    for split in ("kitti", "eigen"):
+        lines = []
+        for drive in drives:
+            if drive[split] == "train":
+                frames = [f"{drive['drive']}/{index:010}" for index in range(int(drive["frames"]))]
+                drawn = sorted(frames, key=lambda frame: hashlib.sha256(frame.encode()).hexdigest())[:10]
+                lines += sorted(drawn)
+        text = "".join(f"{line}\n" for line in lines)
+        found.append(hashlib.sha256(text.encode()).hexdigest())
+    return found
+
+
+@recipe("store/shard")
+def _():
+    """Which of eight shards two images belong to: BLAKE3, first eight bytes, modulo 8."""
+    import blake3
+
+    ids = ["kitti2015/000006", "2011_09_26_drive_0001/0000000005"]
+    return [int.from_bytes(blake3.blake3(i.encode()).digest()[:8], "little") % 8 for i in ids]
+
+
+# Resizing.
+
+
+def picture(width, height):
+    y, x, c = np.mgrid[0:height, 0:width, 0:3]
+    return ((31 * x + 17 * y + 71 * c + x * y % 97 * 3) % 256).astype(np.uint8)
+
+
+def fingerprint(values):
+    """Sum of value times 1-based index, modulo 2^64."""
+    values = np.asarray(values, np.uint64).ravel()
+    return int(np.sum(values * np.arange(1, values.size + 1, dtype=np.uint64), dtype=np.uint64))
+
+
+def bits(plane):
+    return np.ascontiguousarray(plane, np.float32).view(np.uint32)
+
+
+PLANE = picture(61, 37)[:, :, 0].astype(np.float32) / 256
+
+
+@recipe("store/area")
+def _():
+    small = geometry.area(PLANE, 17, 20)
+    return [small.sum(), small[3, 5], small[-1, -1]]
+
+
+@recipe("store/bilinear")
+def _():
+    return [fingerprint(bits(geometry.bilinear(PLANE, *size))) for size in ((150, 90), (17, 20), (7, 90))]
+
+
+@recipe("store/area-bytes")
+def _():
+    """OpenCV itself: a fingerprint of all bytes, and the pixel in row 3, column 5."""
+    import cv2
+
+    found = []
+    for source, target in [
+        ((1242, 375), (512, 256)),
+        ((1224, 370), (512, 256)),
+        ((120, 80), (60, 40)),
+        ((120, 80), (40, 20)),
+        ((61, 37), (17, 36)),
+        ((100, 50), (99, 50)),
+    ]:
+        small = cv2.resize(picture(*source), target, interpolation=cv2.INTER_AREA)
+        found += [fingerprint(small), small[3, 5]]
+    return found
+
+
+# Depth of scans.
+
+
+@recipe("geometry/scan")
+def _():
+    """For two sizes and both axes: pixels with a depth, fingerprint of the values' bits."""
+    camera = {
+        "R_rect_00": [0.99992, 0.00984, -0.00745, -0.00987, 0.99994, -0.00428, 0.00740, 0.00435, 0.99996],
+        "P_rect_02": [721.5377, 0, 609.5593, 44.85728, 0, 721.5377, 172.854, 0.2163791, 0, 0, 1, 0.002745884],
+    }
+    scanner = {
+        "R": [7.533745e-03, -9.999714e-01, -6.166020e-04, 1.480249e-02, 7.280733e-04, -9.998902e-01]
+        + [9.998621e-01, 7.523790e-03, 1.480755e-02],
+        "T": [-4.069766e-03, -7.631618e-02, -2.717806e-01],
+    }
+    camera, scanner = ({key: np.array(v) for key, v in file.items()} for file in (camera, scanner))
+    matrix = geometry.scanner_to_image(camera, scanner)
+    small = matrix / np.array([[20.0], [20.0], [1.0]])
+    i = np.arange(40_000)
+    points = np.stack(
+        [(i * 37 % 640 - 40) / 8, (i * 101 % 1601 - 800) / 16, (i * 53 % 257 - 192) / 64, 0.5 + 0 * i], axis=1
+    ).astype(np.float32)
+    found = []
+    for projection, width, height in ((matrix, 1242, 375), (small, 62, 18)):
+        for axis in ("velodyne", "camera"):
+            depth = geometry.scan_depth(points, projection, width, height, axis)
+            found.append([int((depth > 0).sum()), fingerprint(bits(depth))])
+    return found
+
+
+# Training.
+
+
+@recipe("train/sampler")
+def _():
+    y, x, c = np.mgrid[0:4, 0:6, 0:2]
+    source = 0.5 + 0.5 * np.sin(0.7 * x + 1.3 * y + 2.1 * c)
+    y, x = np.mgrid[0:4, 0:6]
+    return training.sample(source, 0.45 * np.sin(1.1 * x - 0.6 * y)).transpose(2, 0, 1)
+
+
+@recipe("train/dssim")
+def _():
+    y, x, c = np.mgrid[0:5, 0:6, 0:3]
+    a = 0.5 + 0.4 * np.sin(0.9 * x + 0.4 * y + c)
+    b = 0.5 + 0.4 * np.sin(0.9 * x + 0.5 * y + 1.2 * c + 0.3)
+    return training.dssim(a, b).transpose(2, 0, 1)
+
+
+@recipe("train/losses")
+def _():
+    """Eight terms in the order ssim, l1, left-right, smoothness (left, right); both totals."""
+    y, x, c = np.mgrid[0:32, 0:64, 0:3]
+
+    def image(phase):
+        wave = np.sin(0.35 * x + 0.2 * y + c + phase)
+        return 0.5 + 0.3 * wave + 0.1 * np.cos(0.15 * x * (c + 1) - 0.4 * y)
+
+    disparities = []
+    for power in range(4):
+        v, u = np.mgrid[0 : 32 >> power, 0 : 64 >> power]
+        planes = [0.04 + 0.03 * np.sin(0.5 * u * 2**power / 4 + 0.3 * v + side) for side in (0, 1)]
+        disparities.append(planes)
+    sums = training.terms(image(0.0), image(0.8), disparities)
+    names = ("ssim", "l1", "left_right", "smoothness")
+    return [
+        *(sums[name, view] for name in names for view in ("left", "right")),
+        training.total(sums, ssim=0.85, l1=0.15, left_right=1.0, smoothness=0.1),
+        training.total(sums, ssim=1.0, l1=0.1, left_right=1.0, smoothness=0.0),
+    ]
+
+
+@recipe("train/schedule")
+def _():
+    return [
+        [training.baseline(e) for e in (0, 1, 25, 49)],
+        [training.baseline(e, 12, 0.2) for e in (0, 3, 11)],
+        [training.learning_rate(p) for p in (0.0, 24.99, 25.0, 37.5, 49.0, 49.5, 50.0)],
+    ]
+
+
+def flat(values):
+    """Numbers and texts of any nesting as one list."""
+    if isinstance(values, (list, tuple, np.ndarray)):
+        return [number for value in values for number in flat(value)]
+    return [values.item() if isinstance(values, np.generic) else values]
+
+
+def main(names):
+    found = {}
+    for name in names or RECIPES:
+        try:
+            found[name] = flat(RECIPES[name]())
+        except ModuleNotFoundError as missing:
+            print(f"{name} is left out: {missing}", file=sys.stderr)
+    json.dump(found, sys.stdout, indent=1)
+    print()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
