@@ -8,12 +8,13 @@
 //! This crate does no I/O and knows nothing about folders, images or calibration.
 
 mod frame;
+mod role;
 mod split;
 mod table;
 
 pub use frame::{Date, DriveId, FrameId, ParseIdError};
+pub use role::{ParseSplitError, Role, Split};
 pub use split::{
-    Counts, ParseSplitError, Role, Split, VALIDATION_PER_DRIVE, counts, digest, kitti2015_id,
-    test_ids, training, validation,
+    Counts, VALIDATION_PER_DRIVE, counts, digest, kitti2015_id, test_ids, training, validation,
 };
 pub use table::{Category, Drive, DriveRole, drives, eigen_test, kitti2015_origin};

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use serde::{Deserialize, Serialize};
 
 use crate::frame::{DriveId, FrameId};
-use crate::split::Split;
+use crate::role::Split;
 
 /// What a drive is used for in a split: all of its frames on one side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

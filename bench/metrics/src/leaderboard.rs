@@ -26,7 +26,7 @@ use crate::protocol::Group;
 use crate::published;
 use crate::rows::{Row, RowsError, by_model};
 use crate::statistics::{Bootstrap, Interval, summarise};
-use crate::tables::ThesisTable;
+use crate::thesis::ThesisTable;
 
 /// Version of the columns' meaning, written on each line.
 pub const SCHEMA: u32 = 1;

@@ -50,6 +50,7 @@ mod columns;
 pub mod compare;
 pub mod cues;
 mod evaluate;
+mod flip;
 pub mod leaderboard;
 mod metrics;
 mod protocol;
@@ -57,14 +58,16 @@ pub mod published;
 pub mod rows;
 pub mod statistics;
 pub mod tables;
+mod thesis;
 
 pub use columns::CsvError;
 pub use evaluate::{
-    EvaluateError, GroundTruth, ImageScore, MeasuredPixels, evaluate, evaluate_depth, flip_blend,
+    EvaluateError, GroundTruth, ImageScore, MeasuredPixels, evaluate, evaluate_depth,
 };
+pub use flip::flip_blend;
 pub use metrics::{CropBox, Metric, Metrics, crop_box, d1_all, depth_metrics, median};
 pub use protocol::{
     Camera, Crop, D1Rule, GroundTruthKind, Group, Grouping, InfiniteDepth, LogBase, PostProcessing,
-    Protocol, Resize, protocol, protocols,
+    Protocol, Resize, UnknownGroup, protocol, protocols,
 };
 pub use rows::{Row, RowContext};

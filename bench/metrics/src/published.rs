@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 use crate::columns::{self, CsvError};
 use crate::metrics::Metrics;
 use crate::protocol::Group;
-use crate::tables::ThesisTable;
+use crate::thesis::ThesisTable;
 
 /// The thesis all published rows are taken from.
 pub const THESIS: &str =

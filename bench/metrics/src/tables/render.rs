@@ -2,7 +2,7 @@
 
 use comfy_table::{CellAlignment, TableStyle};
 
-use super::{Cell, Table};
+use super::table::{Cell, Table};
 use crate::columns::CsvError;
 use crate::published::Marker;
 

@@ -1,6 +1,8 @@
 //! Snapshots of the four formats, and the rules of what may stand in a table.
 
 use super::*;
+use crate::protocol::Group;
+use crate::rows::RowsError;
 use crate::rows::tests::sample;
 
 fn coverage(expected_images: u64) -> Coverage {

@@ -1,0 +1,90 @@
+//! Why an image was not scored.
+
+/// Why an image was not scored.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EvaluateError {
+    /// A plane has another size than the ground truth.
+    #[error("the {plane} has {found} values where {width} x {height} = {expected} are needed")]
+    Size {
+        /// Which plane.
+        plane: &'static str,
+        /// Its length.
+        found: usize,
+        /// Length needed.
+        expected: usize,
+        /// Columns of the ground truth.
+        width: usize,
+        /// Rows of the ground truth.
+        height: usize,
+    },
+    /// A prediction that is negative or not finite.
+    #[error(
+        "the predicted {what} at row {row}, column {column} is {value}; predictions must be \
+         finite and not negative, so the model or the way its output is read is at fault"
+    )]
+    Prediction {
+        /// Disparity or depth.
+        what: &'static str,
+        /// 0-based row.
+        row: usize,
+        /// 0-based column.
+        column: usize,
+        /// The value.
+        value: f32,
+    },
+    /// Ground truth that is negative or not finite.
+    #[error(
+        "the true {what} at row {row}, column {column} is {value}; ground truth must be finite \
+         and not negative, so the file is damaged or no depth map"
+    )]
+    Truth {
+        /// Disparity or depth.
+        what: &'static str,
+        /// 0-based row.
+        row: usize,
+        /// 0-based column.
+        column: usize,
+        /// The value.
+        value: f32,
+    },
+    /// Focal length or baseline that is not a positive number.
+    #[error("the {what} of the image is {value}; a positive number of common size is needed")]
+    CameraValue {
+        /// Focal length, baseline or their product.
+        what: &'static str,
+        /// The value.
+        value: f64,
+    },
+    /// A protocol that cannot be followed, for instance one read from a file.
+    #[error("protocol {name} cannot be followed: {reason}")]
+    Protocol {
+        /// Name of the protocol.
+        name: String,
+        /// What is wrong.
+        reason: &'static str,
+    },
+    /// Something the protocol needs was not given.
+    #[error("protocol {name} needs {what}, which this image does not have")]
+    Missing {
+        /// Name of the protocol.
+        name: String,
+        /// What it needs.
+        what: &'static str,
+    },
+    /// No pixel passed the protocol's mask, or none of its groups occurs.
+    #[error(
+        "no pixel of this image is left under protocol {name} ({with_truth} pixels have ground \
+         truth); an average over nothing is no number, so the image gets no score"
+    )]
+    NothingToScore {
+        /// Name of the protocol.
+        name: String,
+        /// Pixels of the whole image with ground truth.
+        with_truth: usize,
+    },
+    /// Half or more of the predicted depths are zero or infinite, so there is no median to
+    /// scale by.
+    #[error("the median of the predicted depth is {0} m; the prediction cannot be scaled by it")]
+    Median(f64),
+}

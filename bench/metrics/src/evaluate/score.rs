@@ -1,0 +1,295 @@
+//! A protocol applied to one image: choose the pixels, scale, clip, measure.
+
+use std::borrow::Cow;
+
+use super::error::EvaluateError;
+use super::truth::{GroundTruth, MeasuredPixels, check_plane, check_size};
+use crate::metrics::{Metrics, crop_box, d1_all, depth_metrics, median};
+use crate::protocol::{Camera, Group, Grouping, LogBase, Protocol};
+
+/// Score of one image, or of one group of pixels in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImageScore {
+    /// The group, for protocols with groups.
+    pub group: Option<Group>,
+    /// The seven metrics.
+    pub metrics: Metrics,
+    /// D1-all in percent, where the protocol asks for it and the ground truth is disparity.
+    pub d1_all: Option<f64>,
+    /// Sum of squared errors in m^2, from which pooled errors are made.
+    pub sum_squared_error: f64,
+    /// Pixels scored; never 0.
+    pub pixels: u64,
+    /// Scored pixels whose disparity was raised to the floor.
+    pub floored_pixels: u64,
+}
+
+pub(super) struct Predicted {
+    pub(super) depth_m: f32,
+    pub(super) disparity_px: f32,
+    pub(super) floored: bool,
+}
+
+/// A protocol and an image that were found to fit each other.
+pub(super) struct Scene<'a> {
+    protocol: &'a Protocol,
+    truth: &'a GroundTruth<'a>,
+    measured: Cow<'a, MeasuredPixels>,
+    /// Focal length times baseline: depth = this / disparity in pixels.
+    pub(super) focal_baseline: f64,
+    /// Limits as the reference sees them beside single-precision depth.
+    min_depth_m: f32,
+    max_depth_m: f32,
+}
+
+struct Pixel {
+    truth_m: f64,
+    predicted_m: f32,
+    /// True and predicted disparity in pixels.
+    disparity_px: (f32, f32),
+    floored: bool,
+    group: Option<Group>,
+}
+
+impl<'a> Scene<'a> {
+    pub(super) fn new(
+        protocol: &'a Protocol,
+        truth: &'a GroundTruth<'a>,
+    ) -> Result<Self, EvaluateError> {
+        let invalid = |reason| EvaluateError::Protocol {
+            name: protocol.name.clone(),
+            reason,
+        };
+        let (min_depth_m, max_depth_m) = (protocol.min_depth_m as f32, protocol.max_depth_m as f32);
+        if !(min_depth_m > 0.0 && min_depth_m < max_depth_m && max_depth_m.is_finite()) {
+            return Err(invalid("its depth limits are not 0 < min < max"));
+        }
+        let floor = protocol.disparity_floor_fraction;
+        if !(floor.is_finite() && floor >= 0.0) {
+            return Err(invalid("its disparity floor is not a number from 0 up"));
+        }
+
+        let missing = |what| EvaluateError::Missing {
+            name: protocol.name.clone(),
+            what,
+        };
+        let measured = match truth.measured {
+            Some(found) => Cow::Borrowed(found),
+            None => Cow::Owned(MeasuredPixels::find(truth)?),
+        };
+        for (plane, found) in [
+            ("depth ground truth", Some(truth.depth_m.len())),
+            (
+                "disparity ground truth",
+                truth.disparity_px.map(<[f32]>::len),
+            ),
+            ("label image", truth.labels.map(<[u8]>::len)),
+        ] {
+            let Some(found) = found else { continue };
+            check_size(plane, found, truth.width, truth.height)?;
+        }
+        if (measured.width, measured.rows.len()) != (truth.width, truth.height + 1) {
+            return Err(missing("measured pixels of this very image"));
+        }
+        if protocol.grouping == Grouping::Cityscapes && truth.labels.is_none() {
+            return Err(missing("an image of Cityscapes labels"));
+        }
+
+        let width = truth.width as f64;
+        let (focal_px, baseline_m) = match protocol.camera {
+            Camera::Nominal { baseline_m } => (truth.focal_px, baseline_m),
+            Camera::Calibrated => (truth.focal_px, truth.baseline_m),
+            Camera::Agreed {
+                focal_fraction,
+                baseline_m,
+            } => (focal_fraction * width, baseline_m),
+            // One metre for a disparity of the whole width: the scale is the median's anyway.
+            Camera::Unknown if protocol.median_scaling => (width, 1.0),
+            Camera::Unknown => {
+                return Err(invalid("it has no camera, so it needs median scaling"));
+            }
+        };
+        // The depth plane of stereo ground truth was made with the nominal baseline.
+        if protocol.camera == Camera::Calibrated
+            && protocol.ground_truth.is_stereo()
+            && truth.disparity_px.is_none()
+        {
+            return Err(missing("ground truth as disparity"));
+        }
+        let focal_baseline = focal_px * baseline_m;
+        for (what, value) in [
+            ("focal length in pixels", focal_px),
+            ("baseline in metres", baseline_m),
+            ("product of focal length and baseline", focal_baseline),
+        ] {
+            if !(value > 0.0 && (value as f32).is_normal()) {
+                return Err(EvaluateError::CameraValue { what, value });
+            }
+        }
+        Ok(Self {
+            protocol,
+            truth,
+            measured,
+            focal_baseline,
+            min_depth_m,
+            max_depth_m,
+        })
+    }
+
+    pub(super) fn check_prediction(
+        &self,
+        what: &'static str,
+        plane: &[f32],
+    ) -> Result<(), EvaluateError> {
+        check_size(
+            "prediction",
+            plane.len(),
+            self.truth.width,
+            self.truth.height,
+        )?;
+        check_plane(plane, self.truth.width, |row, column, value| {
+            EvaluateError::Prediction {
+                what,
+                row,
+                column,
+                value,
+            }
+        })
+    }
+
+    /// What was measured, 0 where nothing was, and whether it is disparity in pixels rather than
+    /// depth in metres.
+    fn measured_plane(&self) -> (&'a [f32], bool) {
+        match self.truth.disparity_px {
+            Some(disparity_px) if self.protocol.ground_truth.is_stereo() => (disparity_px, true),
+            _ => (self.truth.depth_m, false),
+        }
+    }
+
+    /// True depth of a pixel in metres; `None` where there is none or the protocol masks it.
+    fn truth_m(&self, index: usize) -> Option<f64> {
+        let (measured, is_disparity) = self.measured_plane();
+        let measured = f64::from(measured[index]);
+        if measured == 0.0 {
+            return None;
+        }
+        let truth_m = if is_disparity {
+            self.focal_baseline / measured
+        } else {
+            measured
+        };
+        let (min, max) = (f64::from(self.min_depth_m), f64::from(self.max_depth_m));
+        let counts = if !self.protocol.mask_ground_truth {
+            truth_m > 0.0
+        } else if self.protocol.strict_comparisons {
+            truth_m > min && truth_m < max
+        } else {
+            truth_m >= min && truth_m <= max
+        };
+        counts.then_some(truth_m)
+    }
+
+    pub(super) fn score(
+        &self,
+        predict: impl Fn(usize) -> Predicted,
+    ) -> Result<Vec<ImageScore>, EvaluateError> {
+        let (protocol, truth) = (self.protocol, self.truth);
+        let crop = crop_box(protocol.crop, truth.width, truth.height);
+        let mut pixels = Vec::with_capacity(self.measured.places.len());
+        for index in self.measured.within(crop) {
+            let Some(truth_m) = self.truth_m(index) else {
+                continue;
+            };
+            let predicted = predict(index);
+            pixels.push(Pixel {
+                truth_m,
+                predicted_m: predicted.depth_m,
+                disparity_px: (
+                    truth.disparity_px.map_or(0.0, |plane| plane[index]),
+                    predicted.disparity_px,
+                ),
+                floored: predicted.floored,
+                group: match protocol.grouping {
+                    Grouping::None => None,
+                    Grouping::Cityscapes => {
+                        truth.labels.and_then(|ids| Group::of_label(ids[index]))
+                    }
+                    Grouping::Distance => Group::of_depth(truth_m),
+                },
+            });
+        }
+
+        let scale = if protocol.median_scaling {
+            self.median_ratio(&pixels)?
+        } else {
+            None
+        };
+        let scores: Vec<ImageScore> = match protocol.grouping {
+            Grouping::None => self
+                .summarise(None, pixels.iter(), scale)
+                .into_iter()
+                .collect(),
+            grouping => grouping
+                .groups()
+                .iter()
+                .filter_map(|&group| {
+                    let members = pixels.iter().filter(|pixel| pixel.group == Some(group));
+                    self.summarise(Some(group), members, scale)
+                })
+                .collect(),
+        };
+        if scores.is_empty() {
+            return Err(EvaluateError::NothingToScore {
+                name: protocol.name.clone(),
+                with_truth: truth.depth_m.iter().filter(|&&depth| depth > 0.0).count(),
+            });
+        }
+        Ok(scores)
+    }
+
+    /// median(true) / median(predicted) over all scored pixels; `None` without pixels.
+    fn median_ratio(&self, pixels: &[Pixel]) -> Result<Option<f64>, EvaluateError> {
+        let mut truth: Vec<f64> = pixels.iter().map(|pixel| pixel.truth_m).collect();
+        let mut predicted: Vec<f64> = pixels.iter().map(|p| f64::from(p.predicted_m)).collect();
+        let (Some(truth), Some(predicted)) = (median(&mut truth), median(&mut predicted)) else {
+            return Ok(None);
+        };
+        if !(predicted.is_finite() && predicted > 0.0) {
+            return Err(EvaluateError::Median(predicted));
+        }
+        Ok(Some(truth / predicted))
+    }
+
+    fn summarise<'p>(
+        &self,
+        group: Option<Group>,
+        pixels: impl Iterator<Item = &'p Pixel> + Clone,
+        scale: Option<f64>,
+    ) -> Option<ImageScore> {
+        let clipped = |pixel: &Pixel| {
+            let scaled = f64::from(pixel.predicted_m) * scale.unwrap_or(1.0);
+            scaled.clamp(f64::from(self.min_depth_m), f64::from(self.max_depth_m))
+        };
+        let pairs = pixels.clone().map(|pixel| (pixel.truth_m, clipped(pixel)));
+        let (mut metrics, sum_squared_error) =
+            depth_metrics(pairs, self.protocol.strict_comparisons)?;
+        if self.protocol.log_base == LogBase::Ten {
+            metrics.rmse_log /= std::f64::consts::LN_10;
+        }
+        // Scaled depth no longer belongs to the disparity it was made of.
+        let d1_all = match self.protocol.d1_rule {
+            Some(rule) if scale.is_none() => {
+                d1_all(pixels.clone().map(|pixel| pixel.disparity_px), rule)
+            }
+            _ => None,
+        };
+        Some(ImageScore {
+            group,
+            metrics,
+            d1_all,
+            sum_squared_error,
+            pixels: pixels.clone().count() as u64,
+            floored_pixels: pixels.filter(|pixel| pixel.floored).count() as u64,
+        })
+    }
+}

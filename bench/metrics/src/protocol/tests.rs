@@ -1,0 +1,237 @@
+use std::collections::BTreeSet;
+
+use super::*;
+
+#[test]
+fn names_are_found_and_digests_differ() {
+    let all = protocols();
+    for known in &all {
+        assert_eq!(protocol(&known.name).as_ref(), Some(known));
+    }
+    let digests: BTreeSet<String> = all.iter().map(Protocol::digest).collect();
+    assert_eq!((all.len(), digests.len()), (12, 12));
+    assert!(all.iter().all(|known| known.check().is_ok()));
+    assert_eq!(protocol("eigen"), None);
+}
+
+/// A failing line here means that the meaning of rows measured so far has changed: raise
+/// the version of the protocol. Recipe: BLAKE3 of the canonical text, first run.
+#[test]
+fn digests_of_the_tables_protocols_stay() {
+    let digest = |name| protocol(name).unwrap().digest();
+    assert_eq!(
+        ["kitti2015", "semantic", "eigen-80", "eigen-50"].map(digest),
+        [
+            "a569e08a7e07ac2d32b57a77b85b605f0e5032c44a71f3e848373bc9b4eaa889",
+            "300e54cd800567fa66dd8bce13bfe06e92924f454f49d823b38fd054e2366f88",
+            "2bc91e5df36c305fb69912f774374ae1a5a54c2debb6d83c21bef3b25cbfa8db",
+            "c64c43f21b30cf5fbc3105033b6770af18a5e803b1fc426dc7974275877ab049",
+        ]
+    );
+}
+
+#[test]
+fn the_canonical_text_names_every_choice() {
+    assert_eq!(
+        protocol("eigen-80").unwrap().canonical_text(),
+        "name=eigen-80\nversion=1\nground_truth=velodyne-x\ncamera=calibrated\n\
+         crop=truncate,0.40810811,0.99189189,0.03594771,0.96405229\nmin_depth_m=0.001\n\
+         max_depth_m=80.0\nmask_ground_truth=true\nstrict_comparisons=true\n\
+         disparity_floor_fraction=0.0001\ninfinite_depth=near-limit\nmedian_scaling=false\n\
+         post_processing=none\nd1=none\ngrouping=none\nresize=disparity,bilinear\n\
+         averaging=unweighted-mean-over-images\n"
+    );
+}
+
+#[test]
+fn endings_change_the_rules() {
+    let both = protocol("eigen-80-median-pp").unwrap();
+    assert!(both.median_scaling && both.post_processing == PostProcessing::Flip);
+    assert_eq!(both.name, "eigen-80-median-pp");
+    assert_ne!(both.digest(), protocol("eigen-80-pp").unwrap().digest());
+    assert_eq!(protocol("eigen-80-pp-pp"), None);
+    assert_eq!(protocol("eigen-80-median-median"), None);
+    assert_eq!(protocol("-median"), None);
+
+    let bare = protocol("eigen-80-nocrop-pp").unwrap();
+    assert_eq!(
+        (bare.crop, bare.name.as_str()),
+        (Crop::None, "eigen-80-nocrop-pp")
+    );
+    let eigen = protocol("eigen-50-eigencrop").unwrap();
+    assert_eq!((eigen.crop, eigen.max_depth_m), (Crop::Eigen, 50.0));
+    // Its own crop is no variant.
+    assert_eq!(protocol("eigen-80-garg"), None);
+    assert_eq!(protocol("kitti2015-nocrop"), None);
+    let far = protocol("eigen-80-median-distance").unwrap();
+    assert!(far.grouping == Grouping::Distance && far.median_scaling);
+    assert_eq!(protocol("semantic-distance"), None);
+    assert_eq!(protocol("eigen-80-distance-distance"), None);
+    // The scale of Make3D is always the median's.
+    assert_eq!(protocol("make3d-c1-median"), None);
+}
+
+#[test]
+fn differences_are_told_in_sentences() {
+    let [a, b, m] = ["eigen-80", "eigen-50", "eigen-80-median"].map(|n| protocol(n).unwrap());
+    assert!(a.difference(&a).is_empty());
+    assert_eq!(
+        a.difference(&b),
+        [
+            (
+                "Pixels: true depth strictly between 0.001 m and 80 m.".to_owned(),
+                "Pixels: true depth strictly between 0.001 m and 50 m.".to_owned()
+            ),
+            (
+                "Clip: predictions to 0.001 m .. 80 m.".to_owned(),
+                "Clip: predictions to 0.001 m .. 50 m.".to_owned()
+            ),
+        ]
+    );
+    let scale = a.difference(&m);
+    assert!(scale.len() == 1 && scale[0].0.is_empty() && scale[0].1.starts_with("Scale:"));
+    // No two protocols may be told apart by their digests only.
+    for x in protocols() {
+        for y in protocols().iter().filter(|y| y.name != x.name) {
+            assert!(!x.difference(y).is_empty(), "{} and {}", x.name, y.name);
+        }
+    }
+}
+
+#[test]
+fn contradictions_are_found() {
+    let eigen = || protocol("eigen-80").unwrap();
+    for wrong in [
+        Protocol {
+            name: "a b".to_owned(),
+            ..eigen()
+        },
+        Protocol {
+            max_depth_m: f64::NAN,
+            ..eigen()
+        },
+        Protocol {
+            disparity_floor_fraction: -0.1,
+            ..eigen()
+        },
+        Protocol {
+            camera: Camera::Unknown,
+            ..eigen()
+        },
+        Protocol {
+            camera: Camera::Nominal { baseline_m: 0.54 },
+            ..eigen()
+        },
+        Protocol {
+            d1_rule: Some(D1Rule::Strict),
+            ..eigen()
+        },
+        Protocol {
+            camera: Camera::Agreed {
+                focal_fraction: 0.58,
+                baseline_m: 0.0,
+            },
+            ..eigen()
+        },
+    ] {
+        assert!(wrong.check().is_err(), "{wrong:?}");
+    }
+}
+
+#[test]
+fn yaml_round_trip_and_unknown_keys() {
+    for known in protocols() {
+        let text = serde_yaml::to_string(&known).unwrap();
+        assert_eq!(serde_yaml::from_str::<Protocol>(&text).unwrap(), known);
+        let more = format!("{text}crop_fraction: 1\n");
+        assert!(serde_yaml::from_str::<Protocol>(&more).is_err());
+    }
+}
+
+/// Every id of the Cityscapes table (PROTOCOL 1.3) and what has no group.
+#[test]
+fn label_ids_of_the_groups() {
+    let ids = |group| {
+        (0..=255)
+            .filter(|&id| Group::of_label(id) == group)
+            .collect::<Vec<u8>>()
+    };
+    assert_eq!(ids(Some(Group::Flat)), [7, 8, 9, 10]);
+    assert_eq!(ids(Some(Group::Construction)), [11, 12, 13, 14, 15, 16]);
+    assert_eq!(ids(Some(Group::Object)), [17, 18, 19, 20]);
+    assert_eq!(ids(Some(Group::Human)), [24, 25]);
+    assert_eq!(ids(Some(Group::Vehicle)), [26, 27, 28, 29, 30, 31, 32, 33]);
+    assert_eq!(ids(None).len(), 256 - 24);
+    for group in Group::all() {
+        assert_eq!(group.to_string().parse(), Ok(group));
+        assert_ne!(group.label_ids().is_some(), group.distance_m().is_some());
+    }
+    assert!("sky".parse::<Group>().is_err());
+}
+
+/// Each depth has one distance; ends belong to the nearer group.
+#[test]
+fn distances_of_the_groups() {
+    let ends: Vec<(f64, f64)> = Group::DISTANCES
+        .iter()
+        .filter_map(|group| group.distance_m())
+        .collect();
+    assert!(ends.windows(2).all(|pair| pair[0].1 == pair[1].0));
+    for (depth_m, group) in [
+        (1e-9, Some(Group::To5m)),
+        (5.0, Some(Group::To5m)),
+        (5.001, Some(Group::To10m)),
+        (80.0, Some(Group::To80m)),
+        (80.1, Some(Group::Over80m)),
+        (0.0, None),
+        (f64::NAN, None),
+    ] {
+        assert_eq!(Group::of_depth(depth_m), group, "{depth_m}");
+    }
+    for group in Group::DISTANCES {
+        let (above, end) = group.distance_m().unwrap();
+        let name = group.name();
+        assert!(
+            name == format!("{above}-{end}m") || name == format!("over-{above}m"),
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn words() {
+    insta::assert_snapshot!(protocol("kitti2015").unwrap().describe(), @r#"
+    Ground truth: KITTI stereo 2015 disparity, pixels visible in both images (disp_noc_0).
+    Camera: focal length nominal for the image width, baseline 0.54 m for every image.
+    Prediction: disparity of the left image resized bilinearly to the ground truth's size, then turned into depth.
+    Crop: none.
+    Pixels: all with ground truth, whatever their depth.
+    Floor: disparities below 0.0001 of the width are raised to it and counted.
+    Clip: predictions to 0.001 m .. 80 m.
+    D1-all: percentage of pixels with an error of at least 3 px and at least 5 %.
+    Average: unweighted mean over images.
+    "#);
+    insta::assert_snapshot!(protocol("eigen-50-median-pp").unwrap().describe(), @r#"
+    Ground truth: Velodyne points in the left image, distance along the scanner's forward axis (about 0.3 m more than camera depth, as in all published rows).
+    Camera: focal length and baseline of the image's own calibration.
+    Prediction: disparity of the left image resized bilinearly to the ground truth's size, then turned into depth.
+    Post-processing: blended with the prediction for the mirrored image.
+    Crop: Garg, rows 0.40810811 to 0.99189189 of the height, columns 0.03594771 to 0.96405229 of the width, products truncated.
+    Pixels: true depth strictly between 0.001 m and 50 m.
+    Floor: disparities below 0.0001 of the width are raised to it and counted.
+    Scale: each prediction is multiplied by median(true) / median(predicted).
+    Clip: predictions to 0.001 m .. 50 m.
+    Average: unweighted mean over images.
+    "#);
+    insta::assert_snapshot!(protocol("semantic").unwrap().describe(), @r#"
+    Ground truth: KITTI stereo 2015 disparity, pixels visible in both images (disp_noc_0).
+    Camera: focal length nominal for the image width, baseline 0.54 m for every image.
+    Prediction: disparity of the left image resized bilinearly to the ground truth's size, then turned into depth.
+    Crop: none.
+    Pixels: all with ground truth, whatever their depth.
+    Floor: disparities below 0.0001 of the width are raised to it and counted.
+    Clip: predictions to 0.001 m .. 80 m.
+    Groups: by Cityscapes label id: flat 7 to 10, human 24 to 25, vehicle 26 to 33, construction 11 to 16, object 17 to 20.
+    Average: unweighted mean over images.
+    "#);
+}

@@ -1,0 +1,145 @@
+//! The sentences above and below a table.
+
+use super::part::{Coverage, Part, seed_of, short};
+use crate::metrics::Metric;
+use crate::protocol::{LogBase, protocol};
+use crate::rows::ModelRows;
+use crate::statistics::{Bootstrap, Summary};
+use crate::thesis::ThesisTable;
+
+pub(super) fn first_line(table: ThesisTable, parts: &[Part<'_>], coverage: &Coverage) -> String {
+    let expected = coverage.expected_images;
+    let counts: Vec<(&str, &str, u64)> = parts
+        .iter()
+        .flat_map(|part| {
+            part.models.iter().map(|(model, _)| {
+                let name = model.context().model.as_str();
+                (part.protocol.as_str(), name, model.images())
+            })
+        })
+        .collect();
+    let covered = match counts.first() {
+        None => format!("0 of {expected} images, nothing measured"),
+        Some(&(_, _, images)) if counts.iter().all(|&(_, _, other)| other == images) => {
+            format!("{images} of {expected} images")
+        }
+        Some(_) => {
+            let each = counts.iter().map(|(protocol, model, images)| {
+                format!("{images} of {expected} images for {model} under {protocol}")
+            });
+            each.collect::<Vec<_>>().join(", ")
+        }
+    };
+    let protocols: Vec<String> = parts
+        .iter()
+        .map(|part| format!("{} {}", part.protocol, short(&part.digest)))
+        .collect();
+    let mut line = format!(
+        "Table {table}, {}: {covered}; protocol {}",
+        table.subject(),
+        protocols.join(", ")
+    );
+    if let Some(part) = parts.iter().find(|part| !part.models.is_empty()) {
+        line += &format!("; data {}", short(&part.data_digest()));
+    }
+    line
+}
+
+pub(super) fn remarks(parts: &[Part<'_>], coverage: &Coverage) -> Vec<String> {
+    let mut remarks = Vec::new();
+    let measured = parts.iter().any(|part| !part.models.is_empty());
+    let own_source = match parts.first().map(|part| part.own) {
+        Some("make3d-c1") => "make3d",
+        _ => "kitti",
+    };
+    if measured && coverage.source != own_source {
+        remarks.push(format!(
+            "The images are {}, not KITTI: measured figures cannot be compared with published \
+             ones.",
+            coverage.source
+        ));
+    }
+    let incomplete = parts
+        .iter()
+        .flat_map(|part| &part.models)
+        .any(|(model, _)| model.images() < coverage.expected_images);
+    if incomplete {
+        remarks.push(
+            "Measured figures over part of the images do not compete with published ones."
+                .to_owned(),
+        );
+    }
+    for part in parts.iter().filter(|part| !part.is_own()) {
+        remarks.push(format!(
+            "Measured under {}, published under {}: the two cannot be compared.",
+            part.protocol, part.own
+        ));
+    }
+    remarks
+}
+
+/// A metric's heading under a protocol.
+pub(super) fn heading(metric: Metric, name: &str) -> &'static str {
+    match (metric, protocol(name).map(|protocol| protocol.log_base)) {
+        (Metric::RmseLog, Some(LogBase::Ten)) => "RMSE log10",
+        _ => metric.heading(),
+    }
+}
+
+pub(super) fn measured_notes(
+    protocol: &str,
+    model: &ModelRows<'_>,
+    summary: &Summary,
+) -> Vec<String> {
+    let name = &model.context().model;
+    let mut notes = Vec::new();
+    // A mean over groups of one image would mix different numbers of pixels; table 3.2 has no
+    // single row per model.
+    let grouped = model.rows().iter().any(|row| row.score.group.is_some());
+    if let (Some(intervals), false) = (&summary.intervals, grouped) {
+        let figures = Metric::ALL.map(|metric| {
+            let interval = intervals[metric as usize];
+            format!(
+                "{} {:.3} to {:.3}",
+                heading(metric, protocol),
+                interval.low,
+                interval.high
+            )
+        });
+        let unit = if summary.clusters == summary.images {
+            "images"
+        } else {
+            "drives"
+        };
+        notes.push(format!(
+            "{name} under {protocol}, 95 % intervals ({} resamples of {} {unit}): {}.",
+            Bootstrap::default().resamples,
+            summary.clusters,
+            figures.join(", ")
+        ));
+        if let (Some(last), Some(d1)) = (notes.last_mut(), summary.d1_all_interval) {
+            last.truncate(last.len() - 1);
+            *last += &format!(", D1-all {:.3} to {:.3}.", d1.low, d1.high);
+        }
+    }
+    if summary.floored_pixels > 0 {
+        notes.push(format!(
+            "{name} under {protocol}: the disparity of {} of {} pixels was raised to the floor.",
+            summary.floored_pixels, summary.pixels
+        ));
+    }
+    notes
+}
+
+pub(super) fn seeds_note(protocol: &str, seeds: &[&(ModelRows<'_>, Summary)]) -> String {
+    let named: Vec<(&str, &str)> = seeds
+        .iter()
+        .filter_map(|(model, _)| seed_of(model))
+        .collect();
+    let seeds: Vec<&str> = named.iter().map(|(_, seed)| *seed).collect();
+    format!(
+        "{} under {protocol}: mean ± standard deviation over the seeds {}.",
+        named.first().map_or("", |(name, _)| name),
+        seeds.join(", ")
+    )
+}

@@ -1,0 +1,157 @@
+//! The measured models that stand in one section of a table.
+
+use super::error::TableError;
+use super::table::Section;
+use crate::protocol::protocol;
+use crate::rows::{ModelRows, Row, by_model};
+use crate::statistics::{Bootstrap, Summary, summarise};
+
+/// What the measured rows are part of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Coverage {
+    /// Images that the complete test set has.
+    pub expected_images: u64,
+    /// Source of the prepared set: `kitti`, or anything else such as `rendered`, whose figures
+    /// do not compete with published ones.
+    pub source: String,
+}
+
+/// The measured models of one section.
+pub(super) struct Part<'a> {
+    pub(super) protocol: String,
+    /// The table's own protocol in this place, which says which published rows belong here.
+    pub(super) own: &'static str,
+    pub(super) digest: String,
+    pub(super) models: Vec<(ModelRows<'a>, Summary)>,
+}
+
+impl<'a> Part<'a> {
+    pub(super) fn new(
+        name: &str,
+        own: &'static str,
+        rows: &'a [Row],
+        coverage: &Coverage,
+    ) -> Result<Self, TableError> {
+        let models = by_model(rows, name)?;
+        // A protocol of the user's own is not known here; its rows must agree with each other.
+        let digest = protocol(name)
+            .map(|protocol| protocol.digest())
+            .or_else(|| {
+                models
+                    .first()
+                    .map(|model| model.context().protocol_digest.clone())
+            });
+        let digest = digest.unwrap_or_default();
+        let mut summarised = Vec::new();
+        for model in models {
+            let context = model.context();
+            if context.protocol_digest != digest {
+                return Err(TableError::Definition {
+                    model: context.model.clone(),
+                    protocol: name.to_owned(),
+                    found: short(&context.protocol_digest).to_owned(),
+                    expected: short(&digest).to_owned(),
+                });
+            }
+            if model.images() > coverage.expected_images {
+                return Err(TableError::Excess {
+                    model: context.model.clone(),
+                    protocol: name.to_owned(),
+                    found: model.images(),
+                    expected: coverage.expected_images,
+                });
+            }
+            if let Some(summary) = summarise(model.rows(), &Bootstrap::default()) {
+                summarised.push((model, summary));
+            }
+        }
+        Ok(Self {
+            protocol: name.to_owned(),
+            own,
+            digest,
+            models: summarised,
+        })
+    }
+
+    /// The models by method, in the order of their first row. Models called `NAME@SEED` are
+    /// seeds of one method if there are at least two of them; every other model is its own.
+    pub(super) fn methods(&self) -> Vec<Vec<&(ModelRows<'a>, Summary)>> {
+        let mut methods: Vec<Vec<&(ModelRows<'a>, Summary)>> = Vec::new();
+        for entry in &self.models {
+            let name = seed_of(&entry.0).map(|(name, _)| name);
+            let siblings = methods.iter_mut().find(|method| {
+                name.is_some() && seed_of(&method[0].0).map(|(name, _)| name) == name
+            });
+            match siblings {
+                Some(method) => method.push(entry),
+                None => methods.push(vec![entry]),
+            }
+        }
+        methods
+    }
+
+    pub(super) fn is_own(&self) -> bool {
+        self.protocol == self.own
+    }
+
+    pub(super) fn competes(&self, model: &ModelRows<'_>, coverage: &Coverage) -> bool {
+        self.is_own() && coverage.source == "kitti" && model.images() == coverage.expected_images
+    }
+
+    pub(super) fn data_digest(&self) -> String {
+        let first = self.models.first();
+        first.map_or_else(String::new, |(model, _)| {
+            model.context().data_digest.clone()
+        })
+    }
+
+    pub(super) fn section(&self, heading: Option<String>, coverage: &Coverage) -> Section {
+        Section {
+            heading,
+            protocol: self.protocol.clone(),
+            protocol_digest: self.digest.clone(),
+            data_digest: self.data_digest(),
+            expected_images: coverage.expected_images,
+            lines: Vec::new(),
+        }
+    }
+}
+
+pub(super) fn one_data_set(parts: &[Part<'_>]) -> Result<(), TableError> {
+    let mut contexts = parts
+        .iter()
+        .flat_map(|part| part.models.iter().map(|(model, _)| model.context()));
+    let Some(first) = contexts.next() else {
+        return Ok(());
+    };
+    match contexts.find(|other| other.data_digest != first.data_digest) {
+        None => Ok(()),
+        Some(second) => Err(TableError::Data {
+            first: first.model.clone(),
+            first_digest: short(&first.data_digest).to_owned(),
+            second: second.model.clone(),
+            second_digest: short(&second.data_digest).to_owned(),
+        }),
+    }
+}
+
+/// First twelve characters of a digest: enough to tell two apart in a heading.
+pub(super) fn short(digest: &str) -> &str {
+    digest.get(..12).unwrap_or(digest)
+}
+
+/// Name and seed of a model called `NAME@SEED`.
+pub(super) fn seed_of<'a>(model: &ModelRows<'a>) -> Option<(&'a str, &'a str)> {
+    let (name, seed) = model.context().model.rsplit_once('@')?;
+    (!name.is_empty() && !seed.is_empty()).then_some((name, seed))
+}
+
+pub(super) fn display_name(model: &ModelRows<'_>) -> String {
+    let context = model.context();
+    match &context.variant {
+        Some(variant) if !context.model.contains(variant.as_str()) => {
+            format!("{} ({variant})", context.model)
+        }
+        _ => context.model.clone(),
+    }
+}
