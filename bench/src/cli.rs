@@ -27,7 +27,9 @@ use std::{
 
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
-use strat_metrics::{PostProcessing, Protocol, Row, RowContext, protocols, tables::Coverage};
+use strat_metrics::{
+    PostProcessing, Protocol, Row, RowContext, Suffix, protocols, tables::Coverage,
+};
 use strat_onnx::metadata::OutputMeaning;
 use strat_splits::Role;
 use strat_store::{
@@ -719,8 +721,15 @@ fn protocols_for(session: &mut Session<'_>, name: &str, meaning: OutputMeaning) 
         "model {name} gives inverse depth of unknown scale: its predictions are scaled by the \
          median of the ground truth, and its rows stand in tables of their own"
     ));
-    let protocols = session.protocols.iter().cloned();
-    protocols.map(Protocol::with_median_scaling).collect()
+    // What was asked for with the suffix as well is one protocol.
+    let mut scaled: Vec<Protocol> = Vec::new();
+    for protocol in &session.protocols {
+        let protocol = protocol.clone().with(Suffix::Median);
+        if !scaled.contains(&protocol) {
+            scaled.push(protocol);
+        }
+    }
+    scaled
 }
 
 /// Opens and evaluates saved predictions. What cannot be used is reported and skipped.

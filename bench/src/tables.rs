@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use strat_metrics::{
     GroundTruthKind, Grouping, Metric, Protocol, Row, leaderboard, rows,
     statistics::Bootstrap,
-    tables::{self, Coverage, Table, TableError, ThesisTable},
+    tables::{self, Coverage, Scale, Table, TableError, ThesisTable},
 };
 use strat_splits::Role;
 use strat_store::{
@@ -184,7 +184,6 @@ pub fn plan(
         .flat_map(|table| table.protocols().iter().copied())
         .map(str::to_owned)
         .collect::<Vec<_>>();
-    let mut seen = BTreeSet::new();
     for name in of_tables.iter().chain(extra_protocols) {
         let protocol = crate::protocols::resolve(name)
             .map_err(|error| PlanError::Protocol(error.to_string()))?;
@@ -211,8 +210,21 @@ pub fn plan(
         if protocol.grouping == Grouping::Cityscapes && !has_labels {
             return Err(PlanError::NoLabels);
         }
-        if seen.insert(protocol.name.clone()) {
-            plan.protocols.push(protocol);
+        match plan
+            .protocols
+            .iter()
+            .find(|known| known.name == protocol.name)
+        {
+            None => plan.protocols.push(protocol),
+            // The same one asked for again, perhaps in another order of suffixes.
+            Some(known) if *known == protocol => {}
+            Some(_) => {
+                return Err(PlanError::Protocol(format!(
+                    "two different protocols are called \"{}\", and their rows could not be told \
+                     apart; give one of them another name",
+                    protocol.name
+                )));
+            }
         }
     }
     Ok(plan)
@@ -438,22 +450,22 @@ pub fn write_tables(
 ) -> Result<Vec<Table>, WriteError> {
     let mut written = Vec::new();
     for &id in tables {
-        let own = id.protocols();
-        let scaled: Vec<String> = own.iter().map(|name| format!("{name}-median")).collect();
-        let any = |names: &[&str]| {
-            rows.iter()
-                .any(|row| names.contains(&row.context.protocol.as_str()))
-        };
-        let scaled: Vec<&str> = scaled.iter().map(String::as_str).collect();
-        let stem = format!("table_{}", id.to_string().replace('.', "_"));
-        let mut variants = Vec::new();
-        if any(own) || !any(&scaled) {
-            variants.push((stem.clone(), own.to_vec()));
+        let any = |names: &[String]| rows.iter().any(|row| names.contains(&row.context.protocol));
+        let mut scales: Vec<Scale> = Scale::ALL
+            .into_iter()
+            .filter(|scale| any(&id.protocols_at(*scale)))
+            .collect();
+        if scales.is_empty() {
+            scales.push(Scale::Own);
         }
-        if any(&scaled) {
-            variants.push((format!("{stem}-median"), scaled));
-        }
-        for (stem, protocols) in variants {
+        for scale in scales {
+            let protocols = id.protocols_at(scale);
+            let stem = format!(
+                "table_{}{}",
+                id.to_string().replace('.', "_"),
+                scale.suffix()
+            );
+            let protocols: Vec<&str> = protocols.iter().map(String::as_str).collect();
             let table = tables::build_with(id, &protocols, rows, coverage)?;
             for (extension, text) in [
                 ("txt", table.text()),
@@ -512,12 +524,13 @@ pub fn write_leaderboard(
 /// Distances of one model share a line, with Abs Rel alone.
 #[must_use]
 pub fn beside_tables(entries: &[leaderboard::Entry], tables: &[ThesisTable]) -> String {
-    let shown: BTreeSet<&str> = tables.iter().flat_map(|t| t.protocols()).copied().collect();
     let mut text = String::new();
     let mut by_distance: Vec<((&str, &str), String)> = Vec::new();
     for entry in entries {
-        let of_table = entry.protocol.trim_end_matches("-median");
-        if entry.origin != leaderboard::Origin::Measured || shown.contains(of_table) {
+        let shown = ThesisTable::showing(&entry.protocol);
+        if entry.origin != leaderboard::Origin::Measured
+            || shown.is_some_and(|(table, _)| tables.contains(&table))
+        {
             continue;
         }
         if let (Some(group), [Some(abs_rel), ..]) = (

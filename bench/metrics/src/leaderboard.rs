@@ -22,7 +22,7 @@ use std::str::FromStr;
 
 use crate::columns::{self, CsvError, cell};
 use crate::metrics::{Metric, Metrics};
-use crate::protocol::Group;
+use crate::protocol::{Group, canonical};
 use crate::published;
 use crate::rows::{Row, RowsError, by_model};
 use crate::statistics::{Bootstrap, Interval, summarise};
@@ -417,13 +417,21 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
         let metrics = [a, b, c, d, e, f, g];
         let [a, b, c, d, e, f, g, rmse_pooled_interval, d1_all_interval] = intervals;
         let intervals = [a, b, c, d, e, f, g];
+        let (protocol, digest) = (fields.required("protocol")?, filled("protocol_digest"));
+        let canonical = digest
+            .as_ref()
+            .and_then(|digest| canonical(&protocol, digest));
+        let (protocol, protocol_digest) = match canonical {
+            Some((name, digest)) => (name, Some(digest)),
+            None => (protocol, digest),
+        };
         Ok(Entry {
             method: fields.required("method")?,
             origin,
             citation: filled("citation"),
             variant: filled("variant"),
             model_hash: filled("model_hash"),
-            protocol: fields.required("protocol")?,
+            protocol,
             group: fields.optional(
                 "group",
                 "empty or one of flat, human, vehicle, construction and object",
@@ -439,7 +447,7 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
             expected_images: count("expected_images")?,
             pixels: count("pixels")?,
             floored_pixels: count("floored_pixels")?,
-            protocol_digest: filled("protocol_digest"),
+            protocol_digest,
             data_digest: filled("data_digest"),
             runtime: filled("runtime"),
             provider: filled("provider"),

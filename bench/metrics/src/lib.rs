@@ -68,6 +68,6 @@ pub use flip::flip_blend;
 pub use metrics::{CropBox, Metric, Metrics, crop_box, d1_all, depth_metrics, median};
 pub use protocol::{
     Camera, Crop, D1Rule, GroundTruthKind, Group, Grouping, InfiniteDepth, LogBase, PostProcessing,
-    Protocol, Resize, UnknownGroup, protocol, protocols,
+    Protocol, ProtocolName, Resize, Suffix, UnknownGroup, protocol, protocols,
 };
 pub use rows::{Row, RowContext};

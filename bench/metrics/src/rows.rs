@@ -9,7 +9,7 @@ use std::io::{Read, Write};
 use crate::columns::{self, CsvError, cell};
 use crate::evaluate::ImageScore;
 use crate::metrics::Metrics;
-use crate::protocol::Group;
+use crate::protocol::{Group, canonical};
 
 /// Column names in the order in which they are written.
 pub const COLUMNS: [&str; 23] = [
@@ -144,12 +144,13 @@ pub fn append(rows: &[Row], writer: impl Write) -> Result<(), CsvError> {
     Ok(())
 }
 
-/// Reads what [`write()`] has written.
+/// Reads what [`write()`] has written. Names of protocols become the canonical ones
+/// ([`ProtocolName`](crate::ProtocolName)), digests with them; rows that then are the same are one.
 ///
 /// # Errors
 /// Anything else than such a text, with line and column.
 pub fn read(reader: impl Read) -> Result<Vec<Row>, CsvError> {
-    columns::read(reader, &COLUMNS, |fields| {
+    let mut rows = columns::read(reader, &COLUMNS, |fields| {
         let variant = fields.text("variant");
         let context = RowContext {
             model: fields.required("model")?,
@@ -192,7 +193,33 @@ pub fn read(reader: impl Read) -> Result<Vec<Row>, CsvError> {
                 floored_pixels: fields.value("floored_pixels", count)?,
             },
         })
-    })
+    })?;
+    name_canonically(&mut rows);
+    Ok(rows)
+}
+
+fn name_canonically(rows: &mut Vec<Row>) {
+    let mut known: BTreeMap<(String, String), Option<(String, String)>> = BTreeMap::new();
+    let mut renamed = false;
+    for RowContext {
+        protocol,
+        protocol_digest,
+        ..
+    } in rows.iter_mut().map(|row| &mut row.context)
+    {
+        let canonical = known
+            .entry((protocol.clone(), protocol_digest.clone()))
+            .or_insert_with(|| canonical(protocol, protocol_digest));
+        if let Some((name, digest)) = canonical {
+            protocol.clone_from(name);
+            protocol_digest.clone_from(digest);
+            renamed = true;
+        }
+    }
+    if renamed {
+        let mut seen = BTreeSet::new();
+        rows.retain(|row| seen.insert(row.cells()));
+    }
 }
 
 /// Puts rows of several files together, sorted by model, protocol, image and group, so that the
@@ -456,6 +483,29 @@ pub(crate) mod tests {
             let _ = read(text.as_bytes());
             let _ = read(format!("{}\n{cells}\n", COLUMNS.join(",")).as_bytes());
         }
+    }
+
+    /// A row under an old spelling is one under the canonical name, and doubled ones are one.
+    #[test]
+    fn old_names_of_protocols_are_read_as_the_canonical_ones() {
+        let rules = crate::protocol("eigen-80-pp-median").unwrap();
+        let named = |name: &str| {
+            let definition = crate::Protocol {
+                name: name.to_owned(),
+                ..rules.clone()
+            };
+            let mut row = sample("m", name, "d/0", 0.1);
+            row.context.protocol_digest = definition.digest();
+            row
+        };
+        let new = named("eigen-80-pp-median");
+        let rows = [named("eigen-80-median-pp"), new.clone()];
+        assert_eq!(read(text(&rows).as_bytes()).unwrap(), [new]);
+        // What was measured under other rules keeps its name.
+        let mut other = named("eigen-80-median-pp");
+        other.context.protocol_digest = "other".to_owned();
+        let rows = [other];
+        assert_eq!(read(text(&rows).as_bytes()).unwrap(), rows);
     }
 
     #[test]

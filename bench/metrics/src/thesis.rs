@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use crate::protocol::{ProtocolName, Suffix};
+
 /// A table of the thesis, or the one that belongs beside its figure 3.6.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ThesisTable {
@@ -30,12 +32,67 @@ impl ThesisTable {
         }
     }
 
+    /// The same with the scale set by medians; empty where it always is.
+    #[must_use]
+    pub fn protocols_at(self, scale: Scale) -> Vec<String> {
+        let own = self
+            .protocols()
+            .iter()
+            .map(|name| ProtocolName::parse(name));
+        match scale {
+            Scale::Own => own.map(|name| name.to_string()).collect(),
+            Scale::Median if self == Self::Make3d => Vec::new(),
+            Scale::Median => own
+                .map(|name| name.with(Suffix::Median).to_string())
+                .collect(),
+        }
+    }
+
+    /// The table that shows figures under a protocol, and at which scale.
+    #[must_use]
+    pub fn showing(protocol: &str) -> Option<(Self, Scale)> {
+        let name = ProtocolName::parse(protocol);
+        let scale = if name.has(Suffix::Median) {
+            Scale::Median
+        } else {
+            Scale::Own
+        };
+        let own = name.without(Suffix::Median).to_string();
+        let table = Self::ALL
+            .into_iter()
+            .find(|table| table.protocols().contains(&own.as_str()))?;
+        Some((table, scale))
+    }
+
     pub(crate) fn subject(self) -> &'static str {
         match self {
             Self::Table31 => "KITTI split",
             Self::Table32 => "RMSE in metres by semantic group",
             Self::Table33 => "Eigen split",
             Self::Make3d => "beside figure 3.6",
+        }
+    }
+}
+
+/// Where the scale of a table's figures comes from. Figures of the two are never compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Scale {
+    /// The model's own, or what the protocol says without a suffix.
+    Own,
+    /// Medians of the ground truth, for models of unknown scale.
+    Median,
+}
+
+impl Scale {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Own, Self::Median];
+
+    /// What the names of protocols and files then end in.
+    #[must_use]
+    pub fn suffix(self) -> &'static str {
+        match self {
+            Self::Own => "",
+            Self::Median => Suffix::Median.as_str(),
         }
     }
 }
@@ -66,3 +123,31 @@ impl FromStr for ThesisTable {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("there is no table {0:?}; the tables are 3.1, 3.2, 3.3 and make3d")]
 pub struct UnknownTable(pub String);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_know_their_protocols_at_both_scales() {
+        let scaled = ThesisTable::Table33.protocols_at(Scale::Median);
+        assert_eq!(scaled, ["eigen-80-median", "eigen-50-median"]);
+        assert!(ThesisTable::Make3d.protocols_at(Scale::Median).is_empty());
+        for table in ThesisTable::ALL {
+            for scale in Scale::ALL {
+                for name in table.protocols_at(scale) {
+                    assert_eq!(ThesisTable::showing(&name), Some((table, scale)), "{name}");
+                    assert!(crate::protocol(&name).is_some(), "{name}");
+                }
+            }
+        }
+        for other in [
+            "eigen-80-pp",
+            "eigen-80-distance-median",
+            "eigen-60",
+            "mine-median",
+        ] {
+            assert_eq!(ThesisTable::showing(other), None, "{other}");
+        }
+    }
+}

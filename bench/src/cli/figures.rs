@@ -333,7 +333,7 @@ impl Job<'_> {
     ) -> HashMap<String, Shown<Comparison>> {
         let mut protocol = self.protocol.clone();
         if meaning == OutputMeaning::InverseDepth {
-            protocol = protocol.with_median_scaling();
+            protocol = protocol.with(Suffix::Median);
         }
         let pictures: BTreeSet<String> = self.chosen.iter().map(|s| s.id.clone()).collect();
         let task = Task {

@@ -164,16 +164,14 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<u8> {
         coverage.source.clone_from(source);
     }
     let measured = compare::protocols_of(&rows);
+    let shown: Vec<ThesisTable> = measured
+        .iter()
+        .filter_map(|name| ThesisTable::showing(name))
+        .map(|(table, _)| table)
+        .collect();
     let wanted: Vec<ThesisTable> = ThesisTable::ALL
         .into_iter()
-        .filter(|table| {
-            let mut own = table.protocols().iter();
-            own.any(|name| {
-                measured
-                    .iter()
-                    .any(|known| known == name || *known == format!("{name}-median"))
-            })
-        })
+        .filter(|table| shown.contains(table))
         .collect();
     if wanted.is_empty() {
         return Err(anyhow::anyhow!(

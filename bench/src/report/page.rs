@@ -4,12 +4,12 @@ use std::{collections::BTreeSet, path::Path};
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use strat_metrics::{
-    Grouping, Metric, Protocol, Row,
+    Grouping, Metric, Protocol, ProtocolName, Row, Suffix,
     leaderboard::{self, Entry},
     published::Marker,
     rows::by_model,
     statistics::{Bootstrap, Interval},
-    tables::{self, Cell, Line, Table, ThesisTable},
+    tables::{self, Cell, Line, Scale, Table, ThesisTable},
 };
 use strat_store::{
     image_files,
@@ -336,7 +336,7 @@ impl Page {
             .collect();
         let further: Vec<&String> = names
             .iter()
-            .filter(|name| grouping(name) == Grouping::None && !is_of_table(name))
+            .filter(|name| grouping(name) == Grouping::None && ThesisTable::showing(name).is_none())
             .collect();
         let first = names.iter().find(|name| grouping(name) == Grouping::None);
         html! {
@@ -349,7 +349,10 @@ impl Page {
             h3 { "Error against distance" }
             @if by_distance.is_empty() {
                 p.quiet {
-                    "Not measured. " code { "bench --protocol " (first.map_or("eigen-80", |name| name)) "-distance" }
+                    "Not measured. " code {
+                        "bench --protocol "
+                        (ProtocolName::parse(first.map_or("eigen-80", |name| name)).with(Suffix::Distance))
+                    }
                     " scores pixels by their true depth; the curves then stand here."
                 }
             }
@@ -364,12 +367,8 @@ impl Page {
     fn tables(&mut self, set: &DataSet, names: &[String]) -> Markup {
         let mut parts = Vec::new();
         for id in ThesisTable::ALL {
-            for ending in ["", "-median"] {
-                let own: Vec<String> = id
-                    .protocols()
-                    .iter()
-                    .map(|p| format!("{p}{ending}"))
-                    .collect();
+            for scale in Scale::ALL {
+                let own = id.protocols_at(scale);
                 if !own.iter().any(|protocol| names.contains(protocol)) {
                     continue;
                 }
@@ -381,7 +380,7 @@ impl Page {
                 parts.push(html! {
                     h3 {
                         "Table " (id)
-                        @if !ending.is_empty() { ", scaled by medians" }
+                        @if scale == Scale::Median { ", scaled by medians" }
                         @if id == ThesisTable::Table32 { ": error by semantic group" }
                     }
                     (thesis_table(&table))
@@ -609,14 +608,6 @@ fn of_image(word: &str, row: &Row) -> Markup {
             row.score.metrics.abs_rel, row.score.metrics.rmse
         ))
     }
-}
-
-/// Whether one of the thesis' tables shows figures under this protocol.
-fn is_of_table(protocol: &str) -> bool {
-    let own = protocol.strip_suffix("-median").unwrap_or(protocol);
-    ThesisTable::ALL
-        .iter()
-        .any(|table| table.protocols().contains(&own))
 }
 
 /// The rules that rows were measured by, as the run wrote them down or as this program knows

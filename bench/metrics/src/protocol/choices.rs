@@ -74,15 +74,6 @@ impl Crop {
             Self::Eigen => Some([0.332_432_4, 0.913_513_51, 0.035_947_7, 0.964_052_29]),
         }
     }
-
-    /// What follows a protocol's name when only its crop is another one.
-    pub fn ending(self) -> &'static str {
-        match self {
-            Self::None => "-nocrop",
-            Self::Garg => "-garg",
-            Self::Eigen => "-eigencrop",
-        }
-    }
 }
 
 /// What becomes of the infinite depth of a pixel whose disparity is exactly zero. It can be

@@ -10,13 +10,14 @@
 //! means therefore changes its digest, and rows of the two meanings no longer mix.
 //!
 //! `choices`, `camera` and `group` are the values that the `rules` of a protocol are made of,
-//! `registry` has the protocols with names, `text` writes one down and takes its digest.
+//! `registry` has the protocols with names, `name` their suffixes, `text` writes one down and takes its digest.
 //!
 //! Not here: the arithmetic that follows a protocol, see [`evaluate`](crate::evaluate()).
 
 mod camera;
 mod choices;
 mod group;
+mod name;
 mod registry;
 mod rules;
 #[cfg(test)]
@@ -26,5 +27,7 @@ mod text;
 pub use camera::Camera;
 pub use choices::{Crop, D1Rule, GroundTruthKind, InfiniteDepth, LogBase, PostProcessing, Resize};
 pub use group::{Group, Grouping, UnknownGroup};
-pub use registry::{protocol, protocols};
+pub(crate) use name::canonical;
+pub use name::{ProtocolName, Suffix, protocol};
+pub use registry::protocols;
 pub use rules::Protocol;

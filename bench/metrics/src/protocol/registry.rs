@@ -1,4 +1,6 @@
-//! The protocols that have names.
+//! The protocols that have names, without suffixes.
+
+use std::sync::LazyLock;
 
 use super::camera::Camera;
 use super::choices::{
@@ -54,6 +56,7 @@ impl Protocol {
 }
 
 /// All named protocols, those of the thesis' tables first.
+#[must_use]
 pub fn protocols() -> Vec<Protocol> {
     use GroundTruthKind::{Annotated, CameraZ, Laser, StereoNoc, StereoOcc, VelodyneX};
     vec![
@@ -104,32 +107,8 @@ pub fn protocols() -> Vec<Protocol> {
     ]
 }
 
-/// The protocol of that name. `-median`, `-pp`, `-distance` and a crop (`-nocrop`, `-garg`,
-/// `-eigencrop`) may follow a name, in the order in which [`Protocol::with_median_scaling`],
-/// [`Protocol::with_flip`], [`Protocol::by_distance`] and [`Protocol::with_crop`] would be called.
-pub fn protocol(name: &str) -> Option<Protocol> {
-    if let Some(found) = protocols().into_iter().find(|known| known.name == name) {
-        return Some(found);
-    }
-    if let Some(base) = name.strip_suffix("-median") {
-        return protocol(base)
-            .filter(|p| !p.median_scaling)
-            .map(Protocol::with_median_scaling);
-    }
-    if let Some(base) = name.strip_suffix("-distance") {
-        return protocol(base)
-            .filter(|p| p.grouping == Grouping::None)
-            .map(Protocol::by_distance);
-    }
-    for crop in [Crop::None, Crop::Garg, Crop::Eigen] {
-        if let Some(base) = name.strip_suffix(crop.ending()) {
-            return protocol(base)
-                .filter(|p| p.crop != crop)
-                .map(|p| p.with_crop(crop));
-        }
-    }
-    let base = name.strip_suffix("-pp")?;
-    protocol(base)
-        .filter(|p| p.post_processing == PostProcessing::None)
-        .map(Protocol::with_flip)
+/// The protocol of exactly that name.
+pub(super) fn named(name: &str) -> Option<&'static Protocol> {
+    static ALL: LazyLock<Vec<Protocol>> = LazyLock::new(protocols);
+    ALL.iter().find(|known| known.name == name)
 }

@@ -57,48 +57,6 @@ pub struct Protocol {
 }
 
 impl Protocol {
-    /// The same rules with median scaling, named `<name>-median`.
-    #[must_use]
-    pub fn with_median_scaling(mut self) -> Self {
-        if !self.median_scaling {
-            self.median_scaling = true;
-            self.name.push_str("-median");
-        }
-        self
-    }
-
-    /// The same rules with flip post-processing, named `<name>-pp`.
-    #[must_use]
-    pub fn with_flip(mut self) -> Self {
-        if self.post_processing != PostProcessing::Flip {
-            self.post_processing = PostProcessing::Flip;
-            self.name.push_str("-pp");
-        }
-        self
-    }
-
-    /// The same rules, scored by how far away pixels are ([`Grouping::Distance`]), named
-    /// `<name>-distance`. A protocol that has groups already keeps them.
-    #[must_use]
-    pub fn by_distance(mut self) -> Self {
-        if self.grouping == Grouping::None {
-            self.grouping = Grouping::Distance;
-            self.name.push_str("-distance");
-        }
-        self
-    }
-
-    /// The same rules with another crop, named `<name>-nocrop`, `<name>-garg` or
-    /// `<name>-eigencrop`.
-    #[must_use]
-    pub fn with_crop(mut self, crop: Crop) -> Self {
-        if self.crop != crop {
-            self.crop = crop;
-            self.name.push_str(crop.ending());
-        }
-        self
-    }
-
     /// A sentence if the choices contradict each other or are no usable numbers.
     ///
     /// # Errors

@@ -30,7 +30,7 @@ mod tests;
 pub use self::error::TableError;
 pub use self::part::Coverage;
 pub use self::table::{Cell, Column, Line, Section, Table};
-pub use crate::thesis::{ThesisTable, UnknownTable};
+pub use crate::thesis::{Scale, ThesisTable, UnknownTable};
 
 use self::notes::{first_line, measured_notes, remarks};
 use self::part::{Part, one_data_set};
