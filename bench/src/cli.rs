@@ -28,7 +28,8 @@ use std::{
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
 use strat_metrics::{
-    PostProcessing, Protocol, Row, RowContext, Suffix, protocols, tables::Coverage,
+    PostProcessing, Protocol, Row, RowContext, Suffix, protocols,
+    tables::{Coverage, Source},
 };
 use strat_onnx::metadata::OutputMeaning;
 use strat_splits::Role;
@@ -1268,7 +1269,7 @@ fn conclude(
     let expected = record.data.test_images_expected;
     let coverage = Coverage {
         expected_images: expected,
-        source: record.data.source.clone(),
+        source: Source::from(record.data.source.as_str()),
     };
     outcome.write(out)?;
     if rows.is_empty() && asked {

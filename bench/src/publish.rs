@@ -12,7 +12,7 @@ use strat_metrics::{
     leaderboard::{self, Entry, Origin},
     rows::RowsError,
     statistics::Bootstrap,
-    tables::Coverage,
+    tables::{Coverage, Source},
 };
 use strat_store::{files, yaml};
 
@@ -66,21 +66,19 @@ pub fn coverage_of(rows_file: &Path, rows: &[Row]) -> Result<Coverage, PublishEr
         let run: Run = yaml::load(&beside)?;
         return Ok(Coverage {
             expected_images: run.data.test_images_expected,
-            source: run.data.source,
+            source: Source::from(run.data.source.as_str()),
         });
     }
     let images: std::collections::BTreeSet<&str> =
         rows.iter().map(|row| row.image.as_str()).collect();
     let found = images.len() as u64;
-    let of_split = match rows.first().map(|row| row.context.split.as_str()) {
-        Some("kitti") => 200,
-        Some("eigen") => 697,
-        Some("make3d") => 134,
-        _ => found,
-    };
+    let of_split = rows
+        .first()
+        .and_then(|row| strat_splits::test_images(&row.context.split))
+        .map_or(found, |images| images as u64);
     Ok(Coverage {
         expected_images: found.max(of_split),
-        source: "of unknown source".to_owned(),
+        source: Source::Unknown,
     })
 }
 

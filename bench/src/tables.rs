@@ -5,7 +5,7 @@
 //! formats, `failures.csv` and `run.yaml`.
 
 use std::{
-    collections::{BTreeSet, HashMap},
+    collections::HashMap,
     path::{Path, PathBuf},
 };
 

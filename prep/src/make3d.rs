@@ -29,7 +29,7 @@ pub const GRID: [usize; 3] = [55, 305, 4];
 /// Grid rows kept.
 pub const GRID_ROWS: Range<usize> = 17..38;
 /// Images of the published test set.
-pub const TEST_IMAGES: u64 = 134;
+pub const TEST_IMAGES: u64 = strat_splits::MAKE3D_TEST_IMAGES as u64;
 
 const VARIABLE: &str = "Position3DGrid";
 

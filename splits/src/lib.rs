@@ -15,6 +15,9 @@ mod table;
 pub use frame::{Date, DriveId, FrameId, ParseIdError};
 pub use role::{ParseSplitError, Role, Split};
 pub use split::{
-    Counts, VALIDATION_PER_DRIVE, counts, digest, kitti2015_id, test_ids, training, validation,
+    Counts, MAKE3D_TEST_IMAGES, VALIDATION_PER_DRIVE, counts, digest, kitti2015_id, test_ids,
+    test_images, training, validation,
 };
-pub use table::{Category, Drive, DriveRole, drives, eigen_test, kitti2015_origin};
+pub use table::{
+    Category, Drive, DriveRole, drives, eigen_test, has_annotated_depth, kitti2015_origin,
+};

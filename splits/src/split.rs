@@ -41,6 +41,21 @@ pub fn test_ids(split: Split) -> Vec<String> {
     }
 }
 
+/// Images of the published test set of Make3D.
+pub const MAKE3D_TEST_IMAGES: usize = 134;
+
+/// How many images a published test set has, by the name that rows carry: `kitti`, `eigen` or
+/// `make3d`. `None` for what has no such list, as a user's own pairs.
+pub fn test_images(name: &str) -> Option<usize> {
+    match name {
+        "make3d" => Some(MAKE3D_TEST_IMAGES),
+        split => Some(match split.parse().ok()? {
+            Split::Kitti => kitti2015_origin().len(),
+            Split::Eigen => eigen_test().len(),
+        }),
+    }
+}
+
 /// The name of a stereo 2015 training scene, `kitti2015/000006`.
 pub fn kitti2015_id(number: usize) -> String {
     format!("kitti2015/{number:06}")
@@ -232,5 +247,9 @@ mod tests {
         );
         assert_eq!(Role::Val.to_string(), "val");
         assert_eq!(test_ids(Split::Kitti)[6], "kitti2015/000006");
+        for (name, images) in [("kitti", 200), ("eigen", 697), ("make3d", 134)] {
+            assert_eq!(test_images(name), Some(images));
+        }
+        assert_eq!(test_images("pairs"), None);
     }
 }

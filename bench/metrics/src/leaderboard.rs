@@ -20,9 +20,11 @@ use std::fmt;
 use std::io::{Read, Write};
 use std::str::FromStr;
 
+use strat_splits::{eigen_test, has_annotated_depth};
+
 use crate::columns::{self, CsvError, cell};
 use crate::metrics::{Metric, Metrics};
-use crate::protocol::{Group, canonical};
+use crate::protocol::{GroundTruthKind, Group, canonical};
 use crate::published;
 use crate::rows::{Row, RowsError, by_model};
 use crate::statistics::{Bootstrap, Interval, summarise};
@@ -165,13 +167,6 @@ pub struct Entry {
     pub tool_version: Option<String>,
 }
 
-/// Test images of the Eigen split.
-const EIGEN_IMAGES: u64 = 697;
-
-/// Those of them with improved ground truth: the first and last five frames of a drive have none
-/// (PROTOCOL 2.5).
-const EIGEN_IMPROVED_IMAGES: u64 = 652;
-
 /// Lines of all models among the rows that were measured under `protocol`, one per model, or
 /// per model and group. `test_images` is how many the complete set has; a protocol whose ground
 /// truth is known to cover fewer of them expects that many.
@@ -185,9 +180,10 @@ pub fn measured(
     bootstrap: &Bootstrap,
 ) -> Result<Vec<Entry>, RowsError> {
     let truth = crate::protocol(protocol).map(|protocol| protocol.ground_truth);
+    let eigen = eigen_test();
     let expected_images = match truth {
-        Some(crate::GroundTruthKind::Annotated) if test_images == EIGEN_IMAGES => {
-            EIGEN_IMPROVED_IMAGES
+        Some(GroundTruthKind::Annotated) if test_images == eigen.len() as u64 => {
+            eigen.iter().filter(|f| has_annotated_depth(**f)).count() as u64
         }
         _ => test_images,
     };

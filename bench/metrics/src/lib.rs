@@ -10,7 +10,7 @@
 //!    own figures in [`published`].
 //!
 //! ```
-//! use strat_metrics::tables::{self, Coverage, ThesisTable};
+//! use strat_metrics::tables::{self, Coverage, Source, ThesisTable};
 //! use strat_metrics::{GroundTruth, Row, RowContext, evaluate, protocol};
 //!
 //! let rules = protocol("kitti2015").ok_or("no such protocol")?;
@@ -36,15 +36,16 @@
 //!     .into_iter()
 //!     .map(|score| Row::new(&context, "kitti2015/000000", score))
 //!     .collect();
-//! let coverage = Coverage { expected_images: 200, source: "kitti".into() };
+//! let coverage = Coverage { expected_images: 200, source: Source::Kitti };
 //! let table = tables::build(ThesisTable::Table31, &rows, &coverage)?;
 //! assert!(table.first_line().contains("1 of 200 images"));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The crate reads and writes only through readers, writers and strings handed to it: it
-//! opens no file, runs no model and depends on no other crate of the workspace. Resizing a
-//! prediction to the size of the ground truth is left to the caller.
+//! The crate reads and writes only through readers, writers and strings handed to it: it opens no
+//! file and runs no model. Of the workspace it knows `strat-splits` alone, for what was recorded
+//! together and how many images a test set has. Resizing a prediction to the size of the ground
+//! truth is left to the caller.
 
 mod columns;
 pub mod compare;

@@ -8,7 +8,7 @@ use std::{
 use anyhow::Context as _;
 use clap::Args;
 use serde::Serialize;
-use strat_metrics::{Protocol, Row, RowContext};
+use strat_metrics::{Protocol, Row, RowContext, Suffix};
 use strat_onnx::metadata::OutputMeaning;
 use strat_splits::Role;
 use strat_store::{

@@ -5,7 +5,10 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::Args;
-use strat_metrics::{compare::TestOptions, tables::ThesisTable};
+use strat_metrics::{
+    compare::TestOptions,
+    tables::{Source, ThesisTable},
+};
 use strat_store::files;
 
 use super::{DONE, FAILED, Usage, print};
@@ -161,7 +164,7 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<u8> {
         coverage.expected_images = expected;
     }
     if let Some(source) = &args.source {
-        coverage.source.clone_from(source);
+        coverage.source = Source::from(source.as_str());
     }
     let measured = compare::protocols_of(&rows);
     let shown: Vec<ThesisTable> = measured

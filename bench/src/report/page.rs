@@ -9,7 +9,7 @@ use strat_metrics::{
     published::Marker,
     rows::by_model,
     statistics::{Bootstrap, Interval},
-    tables::{self, Cell, Line, Scale, Table, ThesisTable},
+    tables::{self, Cell, Line, Scale, Source, Table, ThesisTable},
 };
 use strat_store::{
     image_files,
@@ -143,10 +143,10 @@ fn heading_of(set: &DataSet) -> String {
     let images: BTreeSet<&str> = set.rows.iter().map(|row| row.image.as_str()).collect();
     format!(
         "{split}, {} ({} of {} images)",
-        match set.coverage.source.as_str() {
-            "kitti" => "recorded images",
-            "rendered" => "rendered images",
-            other => other,
+        match &set.coverage.source {
+            Source::Kitti => "recorded images".to_owned(),
+            Source::Rendered => "rendered images".to_owned(),
+            other => other.to_string(),
         },
         images.len(),
         set.coverage.expected_images

@@ -46,7 +46,7 @@ fn crates_use_only_what_the_architecture_allows() {
         ("strat-geometry", &[]),
         ("strat-store", &["strat-splits"]),
         ("strat-onnx", &[]),
-        ("strat-metrics", &[]),
+        ("strat-metrics", &["strat-splits"]),
         ("strat-needs", &[]),
         (
             "strat-prep",

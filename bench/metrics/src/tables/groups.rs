@@ -1,7 +1,8 @@
 //! Table 3.2: a line per semantic group, a column per method.
 
+use super::coverage::Coverage;
 use super::methods::named;
-use super::part::{Coverage, Part, display_name};
+use super::part::{Part, display_name};
 use super::table::{Cell, Line, Table, figure_column, mark_best, plain};
 use crate::metrics::Metric;
 use crate::protocol::Group;

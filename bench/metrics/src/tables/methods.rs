@@ -1,7 +1,8 @@
 //! Tables 3.1 and 3.3 and the one of Make3D: a line per method.
 
+use super::coverage::Coverage;
 use super::notes::{heading, seeds_note};
-use super::part::{Coverage, Part, display_name, seed_of};
+use super::part::{Part, display_name, seed_of};
 use super::table::{Cell, Column, Line, Table, mark_best, plain};
 use crate::metrics::Metric;
 use crate::protocol::protocol;

@@ -17,6 +17,7 @@
 //! `table` holds the cells, `methods` and `groups` fill them, `notes` writes the sentences around
 //! them, `render` the four formats. Not here: which tables a prepared set can fill, and files.
 
+mod coverage;
 mod error;
 mod groups;
 mod methods;
@@ -27,8 +28,8 @@ mod table;
 #[cfg(test)]
 mod tests;
 
+pub use self::coverage::{Coverage, Source};
 pub use self::error::TableError;
-pub use self::part::Coverage;
 pub use self::table::{Cell, Column, Line, Section, Table};
 pub use crate::thesis::{Scale, ThesisTable, UnknownTable};
 
@@ -74,7 +75,7 @@ pub fn build_with(
     let mut built = Table {
         id: table,
         first_line: first_line(table, &parts, coverage),
-        remarks: remarks(&parts, coverage),
+        remarks: remarks(table, &parts, coverage),
         columns: Vec::new(),
         sections: Vec::new(),
         notes: Vec::new(),

@@ -1,6 +1,7 @@
 //! The sentences above and below a table.
 
-use super::part::{Coverage, Part, seed_of, short};
+use super::coverage::{Coverage, Source};
+use super::part::{Part, seed_of, short};
 use crate::metrics::Metric;
 use crate::protocol::{LogBase, protocol};
 use crate::rows::ModelRows;
@@ -45,16 +46,16 @@ pub(super) fn first_line(table: ThesisTable, parts: &[Part<'_>], coverage: &Cove
     line
 }
 
-pub(super) fn remarks(parts: &[Part<'_>], coverage: &Coverage) -> Vec<String> {
+pub(super) fn remarks(table: ThesisTable, parts: &[Part<'_>], coverage: &Coverage) -> Vec<String> {
     let mut remarks = Vec::new();
     let measured = parts.iter().any(|part| !part.models.is_empty());
-    let own_source = match parts.first().map(|part| part.own) {
-        Some("make3d-c1") => "make3d",
-        _ => "kitti",
+    let (own, name) = match table {
+        ThesisTable::Make3d => (Source::from("make3d"), "Make3D"),
+        _ => (Source::Kitti, "KITTI"),
     };
-    if measured && coverage.source != own_source {
+    if measured && coverage.source != own {
         remarks.push(format!(
-            "The images are {}, not KITTI: measured figures cannot be compared with published \
+            "The images are {}, not {name}: measured figures cannot be compared with published \
              ones.",
             coverage.source
         ));

@@ -1,20 +1,11 @@
 //! The measured models that stand in one section of a table.
 
+use super::coverage::Coverage;
 use super::error::TableError;
 use super::table::Section;
 use crate::protocol::protocol;
 use crate::rows::{ModelRows, Row, by_model};
 use crate::statistics::{Bootstrap, Summary, summarise};
-
-/// What the measured rows are part of.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Coverage {
-    /// Images that the complete test set has.
-    pub expected_images: u64,
-    /// Source of the prepared set: `kitti`, or anything else such as `rendered`, whose figures
-    /// do not compete with published ones.
-    pub source: String,
-}
 
 /// The measured models of one section.
 pub(super) struct Part<'a> {
@@ -95,7 +86,7 @@ impl<'a> Part<'a> {
     }
 
     pub(super) fn competes(&self, model: &ModelRows<'_>, coverage: &Coverage) -> bool {
-        self.is_own() && coverage.source == "kitti" && model.images() == coverage.expected_images
+        self.is_own() && coverage.source.competes() && model.images() == coverage.expected_images
     }
 
     pub(super) fn data_digest(&self) -> String {

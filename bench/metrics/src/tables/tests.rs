@@ -8,7 +8,7 @@ use crate::rows::tests::sample;
 fn coverage(expected_images: u64) -> Coverage {
     Coverage {
         expected_images,
-        source: "kitti".to_owned(),
+        source: Source::Kitti,
     }
 }
 
@@ -395,7 +395,7 @@ fn only_complete_measurements_of_the_real_data_compete() {
     assert_eq!(best(&coverage(4)), ["Ours - StrAT"]);
     let rendered = Coverage {
         expected_images: 3,
-        source: "rendered".to_owned(),
+        source: Source::Rendered,
     };
     assert_eq!(best(&rendered), ["Ours - StrAT"]);
     let text = build(ThesisTable::Table31, &good, &rendered)
