@@ -28,9 +28,9 @@ use crate::{
         sprites::{self, View},
         summary::{self, Summary},
     },
-    leakage::{self, Leakage},
+    draw::chart,
+    model::leakage::{self, Leakage},
     model::{Description, Model, PROBE_TOLERANCE},
-    plot,
     runtime::{Device, Runtime, RuntimeChoice},
 };
 
@@ -536,7 +536,7 @@ fn write_figures(out: &Path, model: &str, figures: &[Figure], zoom: f32) -> anyh
     let folder = out.join("figures").join(slug(model));
     for (name, svg) in figures {
         files::write_atomic(&folder.join(format!("{name}.svg")), svg.as_bytes())?;
-        let png = plot::png(svg, zoom).with_context(|| format!("figure {name}"))?;
+        let png = chart::png(svg, zoom).with_context(|| format!("figure {name}"))?;
         files::write_atomic(&folder.join(format!("{name}.png")), &png)?;
     }
     Ok(())

@@ -4,7 +4,7 @@ use anyhow::Context as _;
 use clap::Args;
 
 use super::{DONE, print};
-use crate::devices::Report;
+use crate::runtime::inventory::Report;
 
 #[derive(Debug, Args)]
 pub(super) struct DevicesArgs {

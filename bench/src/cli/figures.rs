@@ -21,14 +21,14 @@ use strat_store::{
 
 use super::{Asked, DONE, FAILED, TOOL_VERSION, Unrecorded, Usage, asked_files, print, sentence};
 use crate::{
-    compare,
-    figures::{self, Frame, Shown, Synthesis, SynthesisFrame},
+    draw::chart,
+    draw::side_by_side::{self, Frame, Shown, Synthesis, SynthesisFrame},
+    evaluate::predictions::SavedPredictions,
+    evaluate::write::{self, TableChoice},
+    evaluate::{self, Comparison, Predictor, Task},
     model::{self, Model},
-    plot,
-    predict::{self, Comparison, Predictor, Task},
+    rows::compare,
     runtime::{Device, Runtime, RuntimeChoice},
-    saved::SavedPredictions,
-    tables::{self, TableChoice},
 };
 
 /// PNG pixels for each unit of the SVG.
@@ -201,15 +201,15 @@ fn protocol_of(
         (None, Content::Pairs | Content::Cityscapes) => vec!["eigen-cameraz-80".to_owned()],
         (None, _) => Vec::new(),
     };
-    let count = tables::test_count(set, samples);
-    let plan = tables::plan(TableChoice::All, &asked, content, samples, count)?;
+    let count = write::test_count(set, samples);
+    let plan = write::plan(TableChoice::All, &asked, content, samples, count)?;
     let found = match &args.protocol {
         Some(_) => plan.protocols.into_iter().next_back(),
         None => plan.protocols.into_iter().next(),
     };
     let found = found.map(|found| match &args.protocol {
         // One that a table has too stands in the table's place of the plan.
-        Some(name) => crate::protocols::resolve(name).unwrap_or(found),
+        Some(name) => crate::protocol_file::resolve(name).unwrap_or(found),
         None => found,
     });
     found.context("this set has no protocol of its own; give one with `--protocol`")
@@ -344,7 +344,7 @@ impl Job<'_> {
         };
         let images = self.chosen.len() as u64;
         let progress = Progress::new(name, images, "images", self.args.quiet);
-        let found = predict::evaluate(
+        let found = evaluate::evaluate(
             &task,
             name,
             predictor,
@@ -371,7 +371,7 @@ impl Job<'_> {
         let Some(right) = sample.right_full.as_ref().or(sample.right.as_ref()) else {
             return Ok(None);
         };
-        let left = predict::load_image(self.set, sample)?;
+        let left = evaluate::load_image(self.set, sample)?;
         let input = model.description.input.clone();
         let Some(disparity) = model.predict_right(&model::prepare_input(&left, &input))? else {
             return Ok(None);
@@ -380,7 +380,7 @@ impl Job<'_> {
         let small = |image| resize::rgb(&image, size.0, size.1, input.kernel);
         let real = image_files::read_rgb(&self.set.path(right))?;
         Ok(Some(Synthesis {
-            right: figures::synthesize_right(&small(left), &disparity),
+            right: side_by_side::synthesize_right(&small(left), &disparity),
             real: small(real),
         }))
     }
@@ -407,7 +407,7 @@ impl Job<'_> {
             })
             .collect();
         let title = format!("{title}: depth and its error under {}", self.protocol.name);
-        let mut written = self.write_sheets(name, &figures::comparisons(&title, &frames))?;
+        let mut written = self.write_sheets(name, &side_by_side::comparisons(&title, &frames))?;
         let able: Vec<&Drawn> = drawn
             .iter()
             .filter(|one| !one.syntheses.is_empty())
@@ -424,7 +424,7 @@ impl Job<'_> {
         let lefts: Vec<Option<image::RgbImage>> = self
             .chosen
             .iter()
-            .map(|sample| predict::load_image(self.set, sample).ok())
+            .map(|sample| evaluate::load_image(self.set, sample).ok())
             .collect();
         let frames: Vec<SynthesisFrame<'_>> = self
             .chosen
@@ -440,7 +440,7 @@ impl Job<'_> {
             })
             .collect();
         let title = "Figure 3.10  Synthesized right views at the widest baseline";
-        written.extend(self.write_sheets("fig_3_10", &figures::syntheses(title, &frames))?);
+        written.extend(self.write_sheets("fig_3_10", &side_by_side::syntheses(title, &frames))?);
         Ok(written)
     }
 
@@ -456,7 +456,7 @@ impl Job<'_> {
                 Path::new(&self.args.out).join(format!("{name}.{ending}"))
             };
             files::write_atomic(&path("svg"), svg.as_bytes())?;
-            let png = plot::png(svg, ZOOM).with_context(|| format!("figure {name}"))?;
+            let png = chart::png(svg, ZOOM).with_context(|| format!("figure {name}"))?;
             files::write_atomic(&path("png"), &png)?;
             written.push(name);
         }

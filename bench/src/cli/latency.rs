@@ -7,14 +7,14 @@ use clap::Args;
 use strat_splits::Role;
 use strat_store::{files, progress::Progress, set::PreparedSet};
 
-use super::{DONE, FAILED, Usage, asked_files, predict_images::images_below, print};
+use super::{DONE, FAILED, Usage, asked_files, predict::images_below, print};
 use crate::{
-    devices::{self, Processor},
     latency::{
         self, Bench, FORMAT, LatencyRow, Least, MOST_IMAGES, Measured, Scenario, Shot, Stage,
     },
-    maps::Rig,
     model::{Model, PROBE_TOLERANCE},
+    quantity::Rig,
+    runtime::inventory::{self, Processor},
     runtime::{Device, Runtime, RuntimeChoice},
 };
 
@@ -36,11 +36,11 @@ pub(super) struct LatencyArgs {
     images: Option<PathBuf>,
     /// Focal length of the images in pixels of their own width, for depth from --images
     #[arg(long, value_name = "PX", requires = "baseline_m", conflicts_with = "data",
-          value_parser = super::predict_images::positive)]
+          value_parser = super::predict::positive)]
     focal_px: Option<f64>,
     /// Stereo baseline in metres that the model was trained with, for depth from --images
     #[arg(long, value_name = "M", requires = "focal_px", conflicts_with = "data",
-          value_parser = super::predict_images::positive)]
+          value_parser = super::predict::positive)]
     baseline_m: Option<f64>,
     /// Folder for latency.csv
     #[arg(long, value_name = "DIR")]
@@ -100,7 +100,7 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
     let asked = asked_files("model", &args.models, &[])?;
     let shots = shots(args)?;
     files::check_writable(&args.out)?;
-    let processor = devices::processor();
+    let processor = inventory::processor();
     let threads = if args.threads.is_empty() {
         vec![processor.threads]
     } else {

@@ -7,7 +7,7 @@ use strat_metrics::tables::ThesisTable;
 use strat_store::{files, shard::PARTS};
 
 use super::conclude;
-use crate::parts;
+use crate::evaluate::shards;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -24,7 +24,7 @@ pub(super) struct MergeArgs {
 }
 
 pub(super) fn run(args: &MergeArgs) -> anyhow::Result<u8> {
-    let outcome = parts::merge(&args.out)?;
+    let outcome = shards::merge(&args.out)?;
     let tables: Vec<ThesisTable> = outcome
         .record
         .tables

@@ -24,7 +24,7 @@ use super::{
     CueError,
     sprites::{self, DESCRIPTION, SpriteEntry, SpriteFile, View},
 };
-use crate::predict::{self, SampleError};
+use crate::evaluate::{self, SampleError};
 
 /// Pixels kept around an object.
 const MARGIN: usize = 4;
@@ -214,10 +214,10 @@ fn candidates(set: &PreparedSet, sample: &Sample) -> Result<Vec<Candidate>, CueE
     let Some(truth) = truth.filter(|_| sample.focal_px > 0.0) else {
         return Ok(Vec::new());
     };
-    let bytes = |file| predict::checked_bytes(set, file).map_err(failed);
+    let bytes = |file| evaluate::checked_bytes(set, file).map_err(failed);
     let (width, height, instances) = image_files::decode_gray16(&bytes(file)?, &file.path)?;
     let (depth, _) = exr::decode_depth(&bytes(truth)?, &set.path(truth))?;
-    let picture = predict::load_image(set, sample).map_err(failed)?;
+    let picture = evaluate::load_image(set, sample).map_err(failed)?;
     let size = (sample.width as usize, sample.height as usize);
     if (width, height) != size || (depth.width, depth.height) != size {
         return Err(failed(SampleError::Size {

@@ -16,10 +16,10 @@ use super::{
     summary::{PSEUDO_ANGLE_END, distinct, series},
 };
 use crate::{
-    maps::{self, Scale, ScaleUnit},
+    draw::chart::{Chart, Curve, Panel, Sheet, Tile},
+    draw::comparison,
     model::{self, Model, ModelError},
-    pictures,
-    plot::{Chart, Curve, Panel, Sheet, Tile},
+    quantity::{self, Scale, ScaleUnit},
 };
 
 /// A figure ready to be written: file name without ending, and its SVG.
@@ -663,13 +663,13 @@ fn depth_tile(depth: &Plane, brightest: f32, unit: Unit, caption: String) -> Til
         unit: (unit == Unit::M).then_some(ScaleUnit::Metres),
         brightest,
     };
-    tile(&maps::colour(&small, scale), caption)
+    tile(&quantity::colour(&small, scale), caption)
 }
 
 /// The brightest colour of several maps together.
 fn brightest<'a>(depths: impl Iterator<Item = &'a Plane>) -> f32 {
     depths
-        .map(|depth| maps::brightest_of(&inverse(depth)))
+        .map(|depth| quantity::brightest_of(&inverse(depth)))
         .fold(f32::MIN_POSITIVE, f32::max)
 }
 
@@ -723,7 +723,7 @@ fn occlusion_sheet(
     // One scale here too; the largest changes would hide the rest.
     let largest = changes
         .iter()
-        .map(pictures::percentile_95)
+        .map(comparison::percentile_95)
         .fold(f32::MIN_POSITIVE, f32::max);
     let end = match unit {
         Unit::M => format!("{largest:.2} m"),
@@ -738,7 +738,7 @@ fn occlusion_sheet(
         let (width, height) = tile_size(change.width, change.height);
         let small = resize::area_f32(change, width, height);
         let picture = RgbImage::from_fn(width as u32, height as u32, |x, y| {
-            pictures::magma(small.data[y as usize * width + x as usize] / largest)
+            comparison::magma(small.data[y as usize * width + x as usize] / largest)
         });
         sheet.rows.push(vec![
             picture_tile(

@@ -1,7 +1,7 @@
 //! From backgrounds, sprites and a model to rows.
 //!
 //! Composites are made and measured on rayon's threads while the model runs on the calling
-//! thread, a bounded number of jobs ahead, as in [`crate::predict`]; rows come in the order of
+//! thread, a bounded number of jobs ahead, as in [`crate::evaluate`]; rows come in the order of
 //! the plan and do not depend on the number of threads. Only the pixels that a measure needs are
 //! brought to full size, with the same interpolation as whole maps.
 //!
@@ -29,9 +29,9 @@ use super::{
     rows::{Condition, CueRow, Experiment, Unit},
 };
 use crate::{
-    maps::{Conversion, Quantity, Rig},
+    evaluate::{self, SampleError},
     model::{self, InputDescription, Model, ModelError},
-    predict::{self, SampleError},
+    quantity::{Conversion, Quantity, Rig},
 };
 
 /// Depth is clipped to this, metres (PROTOCOL 5).
@@ -104,7 +104,7 @@ pub fn backgrounds(
         if sample.semantic.is_none() {
             return Ok(None);
         }
-        let labels = predict::load_labels(set, sample).map_err(failed(sample))?;
+        let labels = evaluate::load_labels(set, sample).map_err(failed(sample))?;
         Ok(Some(path_share(&labels, sample, row_of(sample))))
     };
     let chosen: Vec<(&Sample, Option<f64>)> = if ids.is_empty() {
@@ -152,7 +152,7 @@ pub fn backgrounds(
                 height: sample.height,
             });
         }
-        let image = predict::load_image(set, sample).map_err(failed(sample))?;
+        let image = evaluate::load_image(set, sample).map_err(failed(sample))?;
         let focal_px = (sample.focal_px > 0.0).then_some(sample.focal_px);
         let baseline_m = match content {
             Content::Kitti | Content::Eigen => KITTI_BASELINE_M,
@@ -446,7 +446,7 @@ pub fn run(
     let started = Instant::now();
     let mut outcome = Outcome::default();
     let chunks: Vec<&[Job]> = jobs.chunks(4 * pool.current_num_threads().max(1)).collect();
-    // Three stages, one chunk apart, as in `crate::predict`.
+    // Three stages, one chunk apart, as in `crate::evaluate`.
     let mut prepared: Vec<Prepared> = Vec::new();
     let mut predicted: Vec<Result<Predicted, ModelError>> = Vec::new();
     let mut tried = 0;

@@ -10,11 +10,12 @@ use strat_metrics::{Row, RowContext, rows, tables::Coverage};
 use strat_store::{shard::PARTS, yaml};
 
 use crate::{
-    compare,
     cues::rows::{self as cue_rows, CueRow},
+    draw::comparison,
+    evaluate::write::{self, RunRecord},
     latency::{self, LatencyRow},
-    pictures, publish,
-    tables::{self, RunRecord},
+    rows::compare,
+    rows::leaderboard,
 };
 
 /// Folders below the one that is asked for, at most.
@@ -143,7 +144,9 @@ fn visit(folder: &Path, depth: usize, collected: &mut Collected) {
         .filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()))
         .filter(|entry| {
             let name = entry.file_name();
-            ![PARTS, pictures::FOLDER].iter().any(|known| name == *known)
+            ![PARTS, comparison::FOLDER]
+                .iter()
+                .any(|known| name == *known)
         })
         .map(|entry| entry.path())
         .collect();
@@ -169,7 +172,7 @@ fn read(folder: &Path, collected: &mut Collected) -> Result<(), String> {
             rows,
         });
     }
-    let file = folder.join(tables::ROWS);
+    let file = folder.join(write::ROWS);
     if !file.is_file() {
         return Ok(());
     }
@@ -180,13 +183,13 @@ fn read(folder: &Path, collected: &mut Collected) -> Result<(), String> {
             file.display()
         ));
     }
-    let record_file = folder.join(tables::RECORD);
+    let record_file = folder.join(write::RECORD);
     let record: Option<RunRecord> = if record_file.is_file() {
         Some(yaml::load(&record_file).map_err(|error| error.to_string())?)
     } else {
         None
     };
-    let coverage = publish::coverage_of(&file, &rows).map_err(|error| error.to_string())?;
+    let coverage = leaderboard::coverage_of(&file, &rows).map_err(|error| error.to_string())?;
     add(
         Run {
             folder: folder.to_owned(),

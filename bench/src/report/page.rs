@@ -18,12 +18,12 @@ use strat_store::{
 
 use super::{Collected, CueResults, DataSet, Run, charts};
 use crate::{
-    compare::protocols_of,
     cues::{figures, summary},
+    draw::chart::{base64, themed},
+    draw::comparison,
+    evaluate::write::ModelRecord,
     latency::LatencyRow,
-    pictures,
-    plot::{base64, themed},
-    tables::ModelRecord,
+    rows::compare::protocols_of,
 };
 
 const STYLE: &str = include_str!("style.css");
@@ -512,7 +512,7 @@ impl Page {
             p {
                 "By Abs Rel under " (protocol) ". Pictures: input above, ground truth below, on the left; \
                  predicted disparity above (bright is near) and relative depth error below (blue 0, red "
-                (pictures::WORST_ERROR) " and more), on the right; grey was not measured."
+                (comparison::WORST_ERROR) " and more), on the right; grey was not measured."
             }
             @if absent {
                 p.quiet {
@@ -532,8 +532,8 @@ impl Page {
             own.filter(|record| record.name == model && record.blake3 == row.context.model_hash)
                 .map(|_| {
                     run.folder
-                        .join(pictures::FOLDER)
-                        .join(pictures::file(model, &row.image))
+                        .join(comparison::FOLDER)
+                        .join(comparison::file(model, &row.image))
                 })
                 .find(|path| path.is_file())
         })?;

@@ -7,8 +7,8 @@ use std::{
 
 use image::{Rgb, RgbImage};
 use strat_bench::{
-    maps,
     model::{self, Model},
+    quantity,
     runtime::{Device, Runtime, RuntimeChoice},
 };
 use strat_store::{exr, image_files};
@@ -154,7 +154,7 @@ fn depth_is_what_is_worked_out_by_hand() {
     let colour = image_files::read_rgb(&world.path("out/a.color.png")).unwrap();
     assert_eq!(
         colour.dimensions(),
-        (WIDTH, HEIGHT + maps::legend_height(WIDTH))
+        (WIDTH, HEIGHT + quantity::legend_height(WIDTH))
     );
     let record = fs::read_to_string(world.path("out/predict.yaml")).unwrap();
     for line in [

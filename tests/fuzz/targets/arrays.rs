@@ -6,7 +6,7 @@ mod damage;
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
-use strat_bench::saved::SavedPredictions;
+use strat_bench::evaluate::predictions::SavedPredictions;
 use strat_prep::{mat, source};
 use strat_store::npy;
 use strat_store::set::{Content, FileRef, Sample};

@@ -6,7 +6,11 @@ mod damage;
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
-use strat_bench::{model::Description, protocols, saved::SavedDescription};
+use strat_bench::{
+    model::Description,
+    protocol_file,
+    evaluate::predictions::SavedDescription,
+};
 use strat_metrics::{ImageScore, Metrics, Row, RowContext, leaderboard, rows};
 use strat_store::yaml;
 use tempfile::TempDir;
@@ -65,7 +69,7 @@ fuzz_target!(|data: &[u8]| {
         }
         2 => {
             put(PROTOCOL);
-            if let Ok(protocol) = protocols::load(&path) {
+            if let Ok(protocol) = protocol_file::load(&path) {
                 assert!(!protocol.digest().is_empty());
             }
         }

@@ -7,7 +7,7 @@
 //! without it there must be as many maps as the split has test images, in published order, or as
 //! many as the prepared set has, in its order.
 //!
-//! Not here: resizing and scoring, which are those of any model ([`crate::predict`]).
+//! Not here: resizing and scoring, which are those of any model ([`crate::evaluate`]).
 
 use std::{
     collections::HashMap,

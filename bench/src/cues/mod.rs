@@ -14,7 +14,7 @@ use strat_store::set::Content;
 
 use crate::{
     cues::{rows::RowsError, sprites::SpriteError},
-    predict::SampleError,
+    evaluate::SampleError,
 };
 
 pub mod composite;

@@ -22,10 +22,10 @@ use strat_store::{
 };
 
 use crate::{
-    maps::{self, Scale, ScaleUnit},
-    pictures,
-    plot::{Sheet, Tile},
-    predict::Comparison,
+    draw::chart::{Sheet, Tile},
+    draw::comparison,
+    evaluate::Comparison,
+    quantity::{self, Scale, ScaleUnit},
 };
 
 /// Width of a picture within a sheet.
@@ -163,11 +163,11 @@ fn rows_of(frame: &Frame<'_>) -> [Vec<Tile>; 2] {
     let measured: Vec<f32> = truth.data.iter().copied().filter(|v| *v > 0.0).collect();
     let brightest = if measured.is_empty() {
         let maps = of_model.iter().filter_map(|(_, maps)| maps.as_ref().ok());
-        maps.map(|(depth, _)| maps::brightest_of(depth))
+        maps.map(|(depth, _)| quantity::brightest_of(depth))
             .fold(f32::MIN_POSITIVE, f32::max)
     } else {
         let count = measured.len();
-        pictures::percentile_95(&Plane {
+        comparison::percentile_95(&Plane {
             width: count,
             height: 1,
             data: measured,
@@ -184,7 +184,10 @@ fn rows_of(frame: &Frame<'_>) -> [Vec<Tile>; 2] {
             Ok((depth, error)) => {
                 let (width, height) = (size.0 as usize, size.1 as usize);
                 let small = resize::area_f32(depth, width, height);
-                above.push(tile(&maps::colour(&small, scale), format!("{name}: depth")));
+                above.push(tile(
+                    &quantity::colour(&small, scale),
+                    format!("{name}: depth"),
+                ));
                 below.push(error_tile(error, size, name));
             }
             Err(reason) => {
@@ -301,7 +304,7 @@ fn pooled(
 }
 
 fn truth_tile(truth: &Plane, size: (u32, u32), scale: Scale) -> Tile {
-    let wide = pictures::widened(truth);
+    let wide = comparison::widened(truth);
     let nearest = |values: &[f32]| values.iter().copied().fold(0.0, f32::max);
     let values = pooled(&wide, size, nearest);
     let small = Plane {
@@ -309,7 +312,7 @@ fn truth_tile(truth: &Plane, size: (u32, u32), scale: Scale) -> Tile {
         height: size.1 as usize,
         data: values.iter().map(|value| value.unwrap_or(0.0)).collect(),
     };
-    let mut picture = maps::colour(&small, scale);
+    let mut picture = quantity::colour(&small, scale);
     let mut any = false;
     for (index, value) in small.data.iter().enumerate() {
         if *value > 0.0 {
@@ -357,7 +360,7 @@ fn error_tile(error: &Plane, size: (u32, u32), name: &str) -> Tile {
 }
 
 fn cividis(place: f32) -> Rgb<u8> {
-    pictures::rgb(colorous::CIVIDIS, if place.is_nan() { 1.0 } else { place })
+    comparison::rgb(colorous::CIVIDIS, if place.is_nan() { 1.0 } else { place })
 }
 
 /// Synthesis sheets of [`PER_SHEET`] images each, as SVG.
@@ -403,7 +406,7 @@ fn synthesis_rows(frame: &SynthesisFrame<'_>) -> [Vec<Tile>; 2] {
                 let (width, height) = (size.0 as usize, size.1 as usize);
                 let small = resize::area_f32(&difference, width, height);
                 let picture = RgbImage::from_fn(size.0, size.1, |x, y| {
-                    pictures::magma(small.row(y as usize)[x as usize] / WORST_DIFFERENCE)
+                    comparison::magma(small.row(y as usize)[x as usize] / WORST_DIFFERENCE)
                 });
                 above.push(photograph(
                     &synthesis.right,

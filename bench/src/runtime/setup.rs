@@ -255,7 +255,7 @@ pub fn ensure_runtime() -> Availability {
     let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let surroundings = Surroundings::of_this_process();
     for candidate in surroundings.candidates(false) {
-        if crate::native::onnxruntime_version(&candidate.path).is_ok() {
+        if crate::runtime::ffi::onnxruntime_version(&candidate.path).is_ok() {
             return Availability::Ready(candidate.path);
         }
         if surroundings.library.is_some() {

@@ -3,7 +3,7 @@
 //! `predictions.npy` is `[images, height, width]`, little-endian `f32`, row-major: disparity of
 //! the left image as a fraction of image width at network size, before any resizing, floor or
 //! clip. `predictions.ids.txt` names the images, one per line in the same order, and
-//! `predictions.yaml` says what the numbers are: what [`crate::saved`] reads. Images that failed
+//! `predictions.yaml` says what the numbers are: what [`crate::evaluate::predictions`] reads. Images that failed
 //! are in none.
 
 use std::{
@@ -15,7 +15,7 @@ use strat_onnx::metadata::OutputMeaning;
 use strat_store::{files, raster::Plane};
 use tempfile::NamedTempFile;
 
-use crate::saved::SavedDescription;
+use crate::evaluate::predictions::SavedDescription;
 
 /// Bytes of the array's header; fixed, so that it can be rewritten when the count is known.
 const HEADER_BYTES: usize = 128;

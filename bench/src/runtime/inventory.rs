@@ -10,9 +10,9 @@ use std::{fmt::Write as _, path::PathBuf};
 use serde::Serialize;
 
 use crate::{
-    native,
+    runtime::ffi,
+    runtime::setup::Surroundings,
     runtime::{Device, Runtime, RuntimeChoice},
-    setup::Surroundings,
 };
 
 /// The processor, as measurements name it.
@@ -111,7 +111,7 @@ impl Report {
             .candidates(true)
             .into_iter()
             .map(|candidate| {
-                let version = native::onnxruntime_version(&candidate.path);
+                let version = ffi::onnxruntime_version(&candidate.path);
                 Library {
                     path: candidate.path,
                     origin: candidate.origin,
@@ -120,7 +120,7 @@ impl Report {
                 }
             })
             .collect();
-        let driver = native::cuda_driver();
+        let driver = ffi::cuda_driver();
         let nvidia = match &driver {
             Ok(driver) => format!(
                 "driver for CUDA {}.{}, {} device(s)",

@@ -5,6 +5,10 @@
 //! never ends on the CPU in silence, and [`Session::provider`] names what the graph's nodes were
 //! really given to. What the tensors mean is not known here; see [`crate::model`].
 
+pub(crate) mod ffi;
+pub mod inventory;
+pub mod setup;
+
 use std::{
     fmt,
     path::{Path, PathBuf},
@@ -13,10 +17,8 @@ use std::{
 
 use strat_onnx::embedded::{EmbeddedError, EmbeddedSession};
 
-use crate::{
-    native::{self, CudaUnavailable},
-    setup::{self, Surroundings},
-};
+use ffi::CudaUnavailable;
+use setup::Surroundings;
 
 /// Which runtime to use (`--runtime`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -274,7 +276,7 @@ impl Runtime {
             };
         }
         if let Some(index) = device.nvidia() {
-            native::cuda_driver()?.has(index)?;
+            ffi::cuda_driver()?.has(index)?;
         }
         match onnxruntime(device.nvidia().is_some()) {
             Ok(loaded) => {
@@ -284,10 +286,10 @@ impl Runtime {
                         device,
                     });
                 }
-                if matches!(device, Device::TensorRt(_)) && !native::opens(native::TENSORRT) {
+                if matches!(device, Device::TensorRt(_)) && !ffi::opens(ffi::TENSORRT) {
                     return Err(RuntimeError::NoTensorRt {
                         device,
-                        library: native::TENSORRT,
+                        library: ffi::TENSORRT,
                     });
                 }
                 Ok((Self(Kind::OnnxRuntime(loaded)), None))
@@ -360,7 +362,7 @@ impl Runtime {
                         }
                         failed(reason)
                     })?;
-                let placement = native::providers_of(&session);
+                let placement = ffi::providers_of(&session);
                 let provider = provider_text(&placement, device);
                 if !provider.contains(device.provider()) {
                     return Err(failed(format!(
@@ -542,7 +544,7 @@ fn onnxruntime(prefer_gpu: bool) -> Result<&'static Loaded, RuntimeError> {
     let mut looked_at = Vec::new();
     for candidate in Surroundings::of_this_process().candidates(prefer_gpu) {
         let library = candidate.path;
-        let started = native::onnxruntime_version(&library).and_then(|version| {
+        let started = ffi::onnxruntime_version(&library).and_then(|version| {
             start(&library).map(|environment| Loaded {
                 environment,
                 library: library.clone(),
@@ -777,7 +779,7 @@ mod tests {
         let loaded = onnxruntime(false).unwrap();
         let session = load_with_onnxruntime(loaded, file.path(), Device::Cpu, 1).unwrap();
         assert_eq!(
-            native::providers_of(&session),
+            ffi::providers_of(&session),
             [("CPUExecutionProvider".to_owned(), 1)]
         );
     }

@@ -4,7 +4,9 @@
 //! ([`strat_onnx::metadata`]). Any other ONNX depth model is described by a small YAML file of
 //! the same name beside it ([`Description`]); nothing about a model is guessed from its numbers.
 //!
-//! Not here: where images come from and how predictions are scored; see [`crate::predict`].
+//! Not here: where images come from and how predictions are scored; see [`crate::evaluate`].
+
+pub mod leakage;
 
 use std::path::{Path, PathBuf};
 

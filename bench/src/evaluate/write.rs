@@ -23,7 +23,7 @@ use strat_store::{
     yaml,
 };
 
-use crate::predict::Failure;
+use crate::evaluate::Failure;
 
 /// What `--table` asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -185,7 +185,7 @@ pub fn plan(
         .map(str::to_owned)
         .collect::<Vec<_>>();
     for name in of_tables.iter().chain(extra_protocols) {
-        let protocol = crate::protocols::resolve(name)
+        let protocol = crate::protocol_file::resolve(name)
             .map_err(|error| PlanError::Protocol(error.to_string()))?;
         let (truth, remedy, has): (_, _, fn(&Sample) -> bool) = match protocol.ground_truth {
             GroundTruthKind::StereoNoc => ("stereo 2015", "prep kitti", |s| s.depth_noc.is_some()),
@@ -322,7 +322,7 @@ pub struct ModelRecord {
     pub description: Option<crate::model::Description>,
     /// What its numbers are, where they were saved and no model ran.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub saved: Option<crate::saved::SavedDescription>,
+    pub saved: Option<crate::evaluate::predictions::SavedDescription>,
     /// What its trainer says about it.
     pub metadata: Option<strat_onnx::metadata::ModelMetadata>,
     /// Number of weights.

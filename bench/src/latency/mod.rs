@@ -29,8 +29,8 @@ use serde::{Deserialize, Serialize};
 use strat_store::{image_files, raster::Plane, resize};
 
 use crate::{
-    maps::{Conversion, NoSuchQuantity, Quantity, Rig, natural},
     model::{self, InputDescription, Model, ModelError},
+    quantity::{Conversion, NoSuchQuantity, Quantity, Rig, natural},
 };
 
 /// Version of the columns of `latency.csv`; stands in every row.

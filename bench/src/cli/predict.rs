@@ -20,8 +20,8 @@ use strat_store::{
 
 use super::{DONE, FAILED, Usage, latency::rig, print};
 use crate::{
-    maps::{self, Conversion, Quantity, Rig, Scale, ScaleUnit, natural},
     model::{self, Description, Model, PROBE_TOLERANCE},
+    quantity::{self, Conversion, Quantity, Rig, Scale, ScaleUnit, natural},
     runtime::{Device, Runtime, RuntimeChoice},
 };
 
@@ -545,15 +545,15 @@ impl Writer<'_> {
                 let map = target.conversion.apply(resized.clone(), size.0);
                 let bytes = match target.format {
                     Format::Exr => exr::encode_depth(&map, &self.header(job, &map, size.0))?,
-                    Format::Npy => maps::encode_npy(&map),
+                    Format::Npy => quantity::encode_npy(&map),
                     Format::Png16 => {
-                        let (bytes, clipped) = maps::encode_png16(&map);
+                        let (bytes, clipped) = quantity::encode_png16(&map);
                         too_large += clipped;
                         bytes
                     }
                     Format::Color => {
                         let scale = self.scale(&map, target.conversion.quantity);
-                        image_files::encode_png_rgb(&maps::colour(&map, scale))
+                        image_files::encode_png_rgb(&quantity::colour(&map, scale))
                     }
                 };
                 let name = output_name(&job.name, target.suffix());
@@ -589,10 +589,10 @@ impl Writer<'_> {
                 Quantity::DisparityPx => Some(ScaleUnit::Pixels),
                 _ => None,
             },
-            brightest: self
-                .args
-                .nearest_m
-                .map_or_else(|| maps::brightest_of(map), |nearest| (1.0 / nearest) as f32),
+            brightest: self.args.nearest_m.map_or_else(
+                || quantity::brightest_of(map),
+                |nearest| (1.0 / nearest) as f32,
+            ),
         }
     }
 }

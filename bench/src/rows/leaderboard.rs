@@ -16,7 +16,7 @@ use strat_metrics::{
 };
 use strat_store::{files, yaml};
 
-use crate::compare::{CompareError, protocols_of, read_rows};
+use crate::rows::compare::{CompareError, protocols_of, read_rows};
 
 /// Why a leaderboard could not be made or checked.
 #[derive(Debug, thiserror::Error)]

@@ -12,7 +12,7 @@ use strat_metrics::{
 use strat_store::files;
 
 use super::{DONE, FAILED, Usage, print};
-use crate::{compare, publish, tables};
+use crate::{evaluate::write, rows::compare, rows::leaderboard};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -94,7 +94,7 @@ pub(super) struct PublishArgs {
 pub(super) fn publish(args: &PublishArgs) -> anyhow::Result<u8> {
     match &args.rows {
         Some(rows) => {
-            let (measured, lines) = publish::append(rows, args.expected, &args.to)?;
+            let (measured, lines) = leaderboard::append(rows, args.expected, &args.to)?;
             eprintln!(
                 "{} has {lines} lines now; {measured} of them are about {}",
                 args.to.display(),
@@ -102,7 +102,7 @@ pub(super) fn publish(args: &PublishArgs) -> anyhow::Result<u8> {
             );
         }
         None => {
-            let lines = publish::merge(&args.merge, &args.to)?;
+            let lines = leaderboard::merge(&args.merge, &args.to)?;
             eprintln!("{} has {lines} lines", args.to.display());
         }
     }
@@ -119,7 +119,7 @@ pub(super) struct VerifyArgs {
 }
 
 pub(super) fn verify(args: &VerifyArgs) -> anyhow::Result<u8> {
-    let outcome = publish::verify(&args.leaderboard, &args.rows)?;
+    let outcome = leaderboard::verify(&args.leaderboard, &args.rows)?;
     for sentence in &outcome.bad {
         eprintln!("error: {sentence}");
     }
@@ -159,7 +159,7 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<u8> {
         .rows
         .first()
         .ok_or_else(|| Usage("`--rows` needs a file".to_owned()))?;
-    let mut coverage = publish::coverage_of(first, &rows)?;
+    let mut coverage = leaderboard::coverage_of(first, &rows)?;
     if let Some(expected) = args.expected {
         coverage.expected_images = expected;
     }
@@ -184,7 +184,7 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<u8> {
         ));
     }
     files::check_writable(&args.out)?;
-    let written = tables::write_tables(&args.out, &wanted, &rows, &coverage)?;
+    let written = write::write_tables(&args.out, &wanted, &rows, &coverage)?;
     let texts: Vec<String> = written.iter().map(|table| table.text()).collect();
     print(&texts.join("\n"))?;
     eprintln!("the tables are in {}", args.out.display());

@@ -8,14 +8,14 @@
     reason = "results of a command belong on stdout; this is the one module that prints them"
 )]
 
+mod compare;
 mod cues;
 mod devices;
 mod figures;
 mod latency;
 mod merge;
-mod predict_images;
+mod predict;
 mod report;
-mod rows_commands;
 
 use std::{
     collections::BTreeSet,
@@ -42,20 +42,20 @@ use strat_store::{
 };
 
 use crate::{
-    baseline::{self, MedianDepth},
-    journal::{self, Journal, JournalError},
-    leakage::{self, Leakage},
-    model::{Model, PROBE_TOLERANCE},
-    parts,
-    pictures::{self, slug},
-    predict::{self, Evaluation, Failure, Observer, Predictor, Task},
-    predictions::{PredictionWriter, SaveError},
-    runtime::{Device, Runtime, RuntimeChoice},
-    saved::SavedPredictions,
-    setup::{self, SetupOptions, Surroundings},
-    tables::{
+    draw::comparison::{self, slug},
+    evaluate::journal::{self, Journal, JournalError},
+    evaluate::median::{self, MedianDepth},
+    evaluate::predictions::SavedPredictions,
+    evaluate::predictions::{PredictionWriter, SaveError},
+    evaluate::shards,
+    evaluate::write::{
         self, DataRecord, ModelRecord, Outcome, PlanError, ProtocolRecord, RunRecord, TableChoice,
     },
+    evaluate::{self, Evaluation, Failure, Observer, Predictor, Task},
+    model::leakage::{self, Leakage},
+    model::{Model, PROBE_TOLERANCE},
+    runtime::setup::{self, SetupOptions, Surroundings},
+    runtime::{Device, Runtime, RuntimeChoice},
 };
 
 const DONE: u8 = 0;
@@ -133,7 +133,7 @@ enum Command {
     /// Show what this machine can run models on, and why not on the rest
     Devices(devices::DevicesArgs),
     /// Write depth, disparity or coloured pictures of images
-    Predict(predict_images::PredictArgs),
+    Predict(predict::PredictArgs),
     /// Time models over threads and batches, after MLPerf's LoadGen
     Latency(latency::LatencyArgs),
     /// Test which depth cues models use (figures 4.3 to 4.10)
@@ -149,13 +149,13 @@ enum Command {
         names: Vec<String>,
     },
     /// Test the differences between models over the images both have
-    Compare(rows_commands::CompareArgs),
+    Compare(compare::CompareArgs),
     /// Add measured lines to a leaderboard, or merge leaderboards
-    Publish(rows_commands::PublishArgs),
+    Publish(compare::PublishArgs),
     /// Derive every measured line of a leaderboard again from its rows
-    VerifyLeaderboard(rows_commands::VerifyArgs),
+    VerifyLeaderboard(compare::VerifyArgs),
     /// Write the thesis' tables from rows alone
-    Render(rows_commands::RenderArgs),
+    Render(compare::RenderArgs),
     /// Write one HTML page about everything below a folder of results
     Report(report::ReportArgs),
 }
@@ -259,7 +259,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
         Cli {
             command: Some(Command::Predict(args)),
             ..
-        } => predict_images::run(&args, arguments),
+        } => predict::run(&args, arguments),
         Cli {
             command: Some(Command::Latency(args)),
             ..
@@ -283,19 +283,19 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
         Cli {
             command: Some(Command::Compare(args)),
             ..
-        } => rows_commands::compare(&args),
+        } => compare::compare(&args),
         Cli {
             command: Some(Command::Publish(args)),
             ..
-        } => rows_commands::publish(&args),
+        } => compare::publish(&args),
         Cli {
             command: Some(Command::VerifyLeaderboard(args)),
             ..
-        } => rows_commands::verify(&args),
+        } => compare::verify(&args),
         Cli {
             command: Some(Command::Render(args)),
             ..
-        } => rows_commands::render(&args),
+        } => compare::render(&args),
         Cli {
             command: Some(Command::Report(args)),
             ..
@@ -368,12 +368,13 @@ fn set_up(args: &SetupArgs) -> anyhow::Result<u8> {
         );
     }
     let installed = setup::install(&options, &surroundings)?;
-    let version = crate::native::onnxruntime_version(&installed.library).map_err(|reason| {
-        anyhow::anyhow!(
-            "the library in {} cannot be opened: {reason}",
-            installed.library.display()
-        )
-    })?;
+    let version =
+        crate::runtime::ffi::onnxruntime_version(&installed.library).map_err(|reason| {
+            anyhow::anyhow!(
+                "the library in {} cannot be opened: {reason}",
+                installed.library.display()
+            )
+        })?;
     print(&format!("{}\n", installed.library.display()))?;
     eprintln!(
         "ONNX Runtime {version} is {} {}; `bench` finds it there from now on, and deleting the \
@@ -398,7 +399,7 @@ fn set_up(args: &SetupArgs) -> anyhow::Result<u8> {
 
 fn list_protocols(names: &[String]) -> anyhow::Result<u8> {
     let resolve =
-        |name: &str| crate::protocols::resolve(name).map_err(|error| Usage(error.to_string()));
+        |name: &str| crate::protocol_file::resolve(name).map_err(|error| Usage(error.to_string()));
     match names {
         [] => {}
         [name] if name != "diff" => {
@@ -413,7 +414,10 @@ fn list_protocols(names: &[String]) -> anyhow::Result<u8> {
             return Ok(DONE);
         }
         [word, a, b] if word == "diff" => {
-            print(&crate::protocols::difference(&resolve(a)?, &resolve(b)?))?;
+            print(&crate::protocol_file::difference(
+                &resolve(a)?,
+                &resolve(b)?,
+            ))?;
             return Ok(DONE);
         }
         _ => {
@@ -548,15 +552,15 @@ impl Session<'_> {
 }
 
 fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
-    let constant = args.median_baseline.then_some(baseline::NAME);
+    let constant = args.median_baseline.then_some(median::NAME);
     let asked = asked_files("model", &args.models, constant.as_slice())?;
     let mut taken: Vec<&str> = asked.iter().map(|asked| asked.name.as_str()).collect();
     taken.extend(constant);
     let asked_saved = asked_files("predictions", &args.predictions, &taken)?;
     let set = PreparedSet::open(&args.data)?;
     let mut samples = set.samples(Role::Test)?;
-    let count = tables::test_count(&set, &samples);
-    let plan = tables::plan(
+    let count = write::test_count(&set, &samples);
+    let plan = write::plan(
         args.table,
         &args.protocols,
         set.manifest.content,
@@ -575,7 +579,7 @@ fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
     let order: Vec<String> = samples.iter().map(|sample| sample.id.clone()).collect();
     if let Some(shard) = args.shard {
         samples.retain(|sample| shard.has(&sample.id));
-        parts::begin(&out, &order, shard)?;
+        shards::begin(&out, &order, shard)?;
     }
     let jobs = args.jobs.map_or(0, usize::from);
     let pool = rayon::ThreadPoolBuilder::new()
@@ -876,7 +880,7 @@ fn evaluate_baseline(session: &mut Session<'_>) -> anyhow::Result<()> {
     };
     let (runtime, provider) = ("none", "none");
     let context = RowContext {
-        model: baseline::NAME.to_owned(),
+        model: median::NAME.to_owned(),
         model_hash: median.digest(),
         variant: None,
         runtime: runtime.to_owned(),
@@ -887,14 +891,14 @@ fn evaluate_baseline(session: &mut Session<'_>) -> anyhow::Result<()> {
     let started = Instant::now();
     let evaluation = predict_all(
         session,
-        baseline::NAME,
+        median::NAME,
         &mut Predictor::MedianDepth(&median),
         &protocols,
         &context,
         &mut None,
     )?;
     let record = ModelRecord {
-        name: baseline::NAME.to_owned(),
+        name: median::NAME.to_owned(),
         file: None,
         blake3: median.digest(),
         description: None,
@@ -910,8 +914,8 @@ fn evaluate_baseline(session: &mut Session<'_>) -> anyhow::Result<()> {
             "per-place median of {} of {} training scans on a grid of {}x{}",
             median.images,
             median.available,
-            baseline::GRID_WIDTH,
-            baseline::GRID_HEIGHT
+            median::GRID_WIDTH,
+            median::GRID_HEIGHT
         )),
     };
     keep(session, evaluation, record)
@@ -1011,7 +1015,7 @@ fn predict_all(
         pictures: &session.wanted_pictures,
     };
     let progress = Progress::new(name, left.len() as u64, "images", session.args.quiet);
-    let mut evaluation = predict::evaluate(
+    let mut evaluation = evaluate::evaluate(
         &task,
         name,
         predictor,
@@ -1024,14 +1028,14 @@ fn predict_all(
         evaluation.rows.extend(before.into_values().flatten());
         let order: Vec<&str> = session.samples.iter().map(|s| s.id.as_str()).collect();
         let names: Vec<&str> = protocols.iter().map(|p| p.name.as_str()).collect();
-        tables::sort_rows(&mut evaluation.rows, &[name], &names, &order);
+        write::sort_rows(&mut evaluation.rows, &[name], &names, &order);
     }
     let extremes = extremes(&evaluation.rows, session.args.extremes);
     let again: Vec<Sample> = session
         .samples
         .iter()
         .filter(|sample| {
-            let drawn = |comparison: &predict::Comparison| comparison.image == sample.id;
+            let drawn = |comparison: &evaluate::Comparison| comparison.image == sample.id;
             extremes.contains(&sample.id) && !evaluation.comparisons.iter().any(drawn)
         })
         .cloned()
@@ -1043,7 +1047,7 @@ fn predict_all(
             ..task
         };
         let progress = Progress::new(name, again.len() as u64, "pictures", session.args.quiet);
-        let drawn = predict::evaluate(
+        let drawn = evaluate::evaluate(
             &task,
             name,
             predictor,
@@ -1096,13 +1100,13 @@ fn keep(
     record: ModelRecord,
 ) -> anyhow::Result<()> {
     if !evaluation.comparisons.is_empty() {
-        let folder = session.out.join(pictures::FOLDER);
+        let folder = session.out.join(comparison::FOLDER);
         for comparison in &evaluation.comparisons {
-            let path = folder.join(pictures::file(&record.name, &comparison.image));
-            let picture = pictures::draw(comparison);
+            let path = folder.join(comparison::file(&record.name, &comparison.image));
+            let picture = comparison::draw(comparison);
             files::write_atomic(&path, &image_files::encode_png_rgb(&picture))?;
         }
-        files::write_atomic(&folder.join("LEGEND.txt"), pictures::LEGEND.as_bytes())?;
+        files::write_atomic(&folder.join("LEGEND.txt"), comparison::LEGEND.as_bytes())?;
     }
     for failure in &evaluation.failures {
         eprintln!(
@@ -1276,10 +1280,10 @@ fn conclude(
         eprintln!("error: nothing could be measured, so there is no table");
         return Ok(FAILED);
     }
-    let entries = tables::write_leaderboard(out, rows, expected)?;
-    let written = tables::write_tables(out, wanted, rows, &coverage)?;
+    let entries = write::write_leaderboard(out, rows, expected)?;
+    let written = write::write_tables(out, wanted, rows, &coverage)?;
     let mut texts: Vec<String> = written.iter().map(|table| table.text()).collect();
-    texts.extend(Some(tables::beside_tables(&entries, wanted)).filter(|text| !text.is_empty()));
+    texts.extend(Some(write::beside_tables(&entries, wanted)).filter(|text| !text.is_empty()));
     print(&texts.join("\n"))?;
     session_note(quiet, &format!("results are in {}", out.display()));
     if !failures.is_empty() {
@@ -1305,7 +1309,7 @@ mod tests {
     #[test]
     fn models_get_names() {
         let texts = ["runs/a/model.onnx", "b.onnx", "Mine=c.onnx"].map(String::from);
-        let names: Vec<String> = asked_files("model", &texts, &[baseline::NAME])
+        let names: Vec<String> = asked_files("model", &texts, &[median::NAME])
             .unwrap()
             .into_iter()
             .map(|asked| asked.name)

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use image::{Rgb, RgbImage};
 use strat_store::raster::Plane;
 
-use crate::predict::Comparison;
+use crate::evaluate::Comparison;
 
 /// Relative depth error at the red end of the error map.
 pub const WORST_ERROR: f32 = 0.5;

@@ -8,7 +8,13 @@
 //!
 //! A broken image costs itself only: it is named, left out, and reported as a [`Failure`].
 //!
-//! Not here: choosing protocols and writing files; see [`crate::tables`].
+//! Not here: choosing protocols and writing files; see [`crate::evaluate::write`].
+
+pub mod journal;
+pub mod median;
+pub mod predictions;
+pub mod shards;
+pub mod write;
 
 use std::collections::BTreeSet;
 
@@ -29,9 +35,9 @@ use strat_store::{
 };
 
 use crate::{
-    baseline::MedianDepth,
+    evaluate::median::MedianDepth,
+    evaluate::predictions::{SavedError, SavedPredictions},
     model::{self, InputDescription, Model, ModelError},
-    saved::{SavedError, SavedPredictions},
 };
 
 /// After this many failures without a single success the rest is not tried.

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::raster::Plane;
 
-use crate::pictures;
+use crate::draw::comparison;
 
 /// What the values of a map are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -283,7 +283,7 @@ pub enum ScaleUnit {
 /// darken the rest.
 #[must_use]
 pub fn brightest_of(map: &Plane) -> f32 {
-    pictures::percentile_95(map).max(f32::MIN_POSITIVE)
+    comparison::percentile_95(map).max(f32::MIN_POSITIVE)
 }
 
 /// Colours inverse depth or disparity (magma: dark is far, bright is near) and draws the scale
@@ -294,7 +294,7 @@ pub fn colour(map: &Plane, scale: Scale) -> RgbImage {
     let mut picture = RgbImage::new(width, height + legend_height(width));
     for (index, &value) in map.data.iter().enumerate() {
         let (column, row) = (index % map.width, index / map.width);
-        let colour = pictures::magma(value / scale.brightest);
+        let colour = comparison::magma(value / scale.brightest);
         picture.put_pixel(column as u32, row as u32, colour);
     }
     draw_legend(&mut picture, height, scale);
@@ -373,7 +373,7 @@ fn draw_legend(picture: &mut RgbImage, top: u32, scale: Scale) {
     }
     let last = width.saturating_sub(1).max(1);
     for column in 0..width {
-        let colour = pictures::magma(column as f32 / last as f32);
+        let colour = comparison::magma(column as f32 / last as f32);
         for row in top..top + 6 * zoom {
             picture.put_pixel(column, row, colour);
         }
