@@ -1,4 +1,4 @@
-//! What can go wrong with files of a prepared set, as sentences for users.
+//! What can go wrong with files and threads, as sentences for users.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Result of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// A file or folder that could not be read, written or understood. Every message names it.
+/// A file or folder that could not be read, written or understood; the message names it.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused.
@@ -18,6 +18,22 @@ pub enum Error {
         path: PathBuf,
         /// The reason given.
         source: io::Error,
+    },
+    /// A folder that results should go to cannot be made or written to.
+    #[error("cannot write to the folder {}: {source}", path.display())]
+    Unwritable {
+        /// The folder.
+        path: PathBuf,
+        /// The reason given.
+        source: io::Error,
+    },
+    /// The operating system would not start threads.
+    #[error("cannot start {threads} threads: {reason}; ask for fewer")]
+    Threads {
+        /// Threads asked for; 0 for one for each core.
+        threads: usize,
+        /// The reason given.
+        reason: String,
     },
     /// Not a usable picture.
     #[error("{path} is not a usable image: {problem}")]

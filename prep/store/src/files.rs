@@ -1,12 +1,14 @@
-//! Files that appear whole or not at all, and their hashes.
+//! Files that appear whole or not at all, tables among them, and their hashes.
 //!
 //! Everything is written to a temporary file in the target's folder and renamed. There is
 //! no fsync: after a power failure files may be missing, and a second run writes them again.
 
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use fs_err as fs;
+use serde::Serialize;
+use tempfile::NamedTempFile;
 
 use crate::error::{Error, Result};
 
@@ -30,20 +32,58 @@ pub fn write_atomic_with(
     path: &Path,
     fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<()> {
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    std::fs::create_dir_all(folder).map_err(|e| Error::io("create the folder", folder, e))?;
-    let written = unfinished_in(folder).and_then(|file| {
-        let mut out = BufWriter::with_capacity(1 << 16, file);
-        fill(&mut out)?;
-        out.into_inner()
-            .map_err(io::IntoInnerError::into_error)?
-            .persist(path)
-            .map_err(|e| e.error)
-    });
-    written.map(drop).map_err(|e| Error::io("write", path, e))
+    let mut file = Unfinished::create(path)?;
+    fill(&mut file.out).map_err(|e| Error::io("write", path, e))?;
+    file.finish()
+}
+
+/// A file that is being written and appears at its path when it is finished; dropped before, it
+/// leaves nothing.
+#[derive(Debug)]
+pub(crate) struct Unfinished {
+    path: PathBuf,
+    pub out: BufWriter<NamedTempFile>,
+}
+
+impl Unfinished {
+    pub fn create(path: &Path) -> Result<Self> {
+        let folder = match path.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        std::fs::create_dir_all(folder).map_err(|e| Error::io("create the folder", folder, e))?;
+        let file = unfinished_in(folder).map_err(|e| Error::io("write", path, e))?;
+        Ok(Self {
+            path: path.to_owned(),
+            out: BufWriter::with_capacity(1 << 16, file),
+        })
+    }
+
+    pub fn finish(self) -> Result<()> {
+        let written = self
+            .out
+            .into_inner()
+            .map_err(io::IntoInnerError::into_error);
+        let persisted = written.and_then(|file| file.persist(&self.path).map_err(|e| e.error));
+        persisted
+            .map(drop)
+            .map_err(|e| Error::io("write", &self.path, e))
+    }
+}
+
+/// Writes rows as CSV, headed by the names of their fields; no rows make an empty file. The table
+/// appears whole or not at all.
+///
+/// # Errors
+/// A row is no flat structure, or the file cannot be written.
+pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -> Result<()> {
+    write_atomic_with(path, |file| {
+        let mut table = csv::Writer::from_writer(file);
+        for row in rows {
+            table.serialize(row).map_err(io::Error::other)?;
+        }
+        table.flush()
+    })
 }
 
 /// Copies a file byte by byte; the copy appears whole or not at all.
@@ -84,10 +124,16 @@ pub fn remove(path: &Path) -> Result<()> {
 /// # Errors
 /// It cannot be created or written to.
 pub fn check_writable(folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder).map_err(|e| Error::io("create the folder", folder, e))?;
-    unfinished_in(folder)
-        .map(drop)
-        .map_err(|e| Error::io("write to the folder", folder, e))
+    let written = std::fs::create_dir_all(folder).and_then(|()| unfinished_in(folder));
+    written.map(drop).map_err(|source| Error::Unwritable {
+        path: folder.to_owned(),
+        source,
+    })
+}
+
+/// The first twelve characters of a digest: enough to tell two apart in a heading.
+pub fn digest_prefix(digest: &str) -> &str {
+    digest.get(..12).unwrap_or(digest)
 }
 
 /// BLAKE3 of bytes in hex.
@@ -108,7 +154,7 @@ pub fn blake3_file(path: &Path) -> Result<String> {
     read().map_err(|e| Error::io("read", path, e))
 }
 
-fn unfinished_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
+fn unfinished_in(folder: &Path) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(UNFINISHED_PREFIX);
     #[cfg(unix)]
@@ -188,9 +234,43 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         std::fs::write(&file, b"").unwrap();
-        assert!(check_writable(&file).is_err());
+        let error = check_writable(&file).unwrap_err();
+        assert!(matches!(error, Error::Unwritable { .. }), "{error:?}");
+        assert!(
+            error.to_string().contains(&*file.display().to_string()),
+            "{error}"
+        );
         assert!(write_atomic(&file.join("x"), b"").is_err());
         check_writable(&folder.path().join("new/folder")).unwrap();
         assert!(names(&folder.path().join("new/folder")).is_empty());
+    }
+
+    #[derive(Serialize)]
+    struct Row {
+        id: &'static str,
+        depth_m: Option<f64>,
+    }
+
+    #[test]
+    fn rows_become_a_table_or_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("out/rows.csv");
+        let row = |id, depth_m| Row { id, depth_m };
+        write_csv(&path, [row("a,b", Some(1.5)), row("c", None)]).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert_eq!(text, "id,depth_m\n\"a,b\",1.5\nc,\n");
+        // A map is no row of a table; what was there stays.
+        let no_row = std::collections::BTreeMap::from([("id", 1)]);
+        assert!(write_csv(&path, [no_row]).is_err());
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+        assert_eq!(names(path.parent().unwrap()), ["rows.csv"]);
+        write_csv(&path, [] as [Row; 0]).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"");
+    }
+
+    #[test]
+    fn digests_are_shortened() {
+        assert_eq!(digest_prefix(&blake3_hex(b"abc")), "6437b3ac3846");
+        assert_eq!(digest_prefix("none"), "none");
     }
 }

@@ -4,12 +4,15 @@
 //! `prep` writes a prepared set, `train` and `bench` read it; this crate alone owns its
 //! format ([`set`]). The parts it is made of can be used one by one: [`image_files`] and
 //! [`resize`] for pictures, [`exr`] for depth, [`npy`] for NumPy's arrays, [`files`] for writing,
-//! [`yaml`] for configuration, [`progress`] for long jobs, [`shard`] for divided ones. It knows
-//! nothing about where data comes from.
+//! [`yaml`] for configuration. [`command`] (exit codes, errors, printing), [`progress`], [`human`],
+//! [`threads`], [`shard`] and [`spread`] are what the three commands do alike. It knows nothing
+//! about where data comes from, and no clap.
 
+pub mod command;
 mod error;
 pub mod exr;
 pub mod files;
+pub mod human;
 pub mod image_files;
 pub mod npy;
 pub mod progress;
@@ -17,6 +20,8 @@ pub mod raster;
 pub mod resize;
 pub mod set;
 pub mod shard;
+pub mod spread;
+pub mod threads;
 pub mod yaml;
 
 pub use error::{Error, Result};

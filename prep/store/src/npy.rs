@@ -7,7 +7,11 @@
 //! file.
 
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use crate::files::Unfinished;
+use crate::raster::Plane;
 
 /// A map as read: width, height and values row by row.
 pub type Array = (usize, usize, Vec<f64>);
@@ -249,24 +253,98 @@ impl Planes {
 /// Bytes of a plane above which a header is not believed.
 const LARGEST_PLANE: usize = u32::MAX as usize;
 
-/// The bytes of a two-dimensional `f32` array (rows, columns), version 1.0 as NumPy writes it.
-pub fn encode(width: usize, height: usize, values: &[f32]) -> Vec<u8> {
-    let mut header =
-        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
-    // Magic, version, length and header together fill blocks of 64 bytes; a line feed ends them.
+/// Bytes before the values in the files written here. As NumPy's own, a multiple of 64.
+const HEADER_BYTES: usize = 128;
+
+/// What is written before little-endian `f32` values of a shape, version 1.0 as NumPy writes it.
+fn header(shape: &[usize]) -> Vec<u8> {
+    let sides: Vec<_> = shape.iter().map(usize::to_string).collect();
+    let mut text = format!(
+        "{{'descr': '<f4', 'fortran_order': False, 'shape': ({}), }}",
+        sides.join(", ")
+    );
+    // Magic, version, length and text fill the header together; a line feed ends them.
     let before = MAGIC.len() + 4;
-    while !(before + header.len() + 1).is_multiple_of(64) {
-        header.push(' ');
-    }
-    header.push('\n');
-    let mut bytes = Vec::with_capacity(before + header.len() + 4 * values.len());
-    bytes.extend_from_slice(MAGIC);
-    bytes.extend_from_slice(&[1, 0]);
-    let length = u16::try_from(header.len()).expect("two numbers make a short header");
-    bytes.extend_from_slice(&length.to_le_bytes());
-    bytes.extend_from_slice(header.as_bytes());
+    let padding = (HEADER_BYTES - before - 1).saturating_sub(text.len());
+    text.extend(std::iter::repeat_n(' ', padding));
+    text.push('\n');
+    let length = u16::try_from(text.len()).expect("a few numbers make a short header");
+    [MAGIC, &[1, 0], &length.to_le_bytes(), text.as_bytes()].concat()
+}
+
+/// The bytes of a two-dimensional `f32` array (rows, columns).
+pub fn encode(width: usize, height: usize, values: &[f32]) -> Vec<u8> {
+    let mut bytes = header(&[height, width]);
+    bytes.reserve_exact(4 * values.len());
     bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
     bytes
+}
+
+/// Writes maps of one size into an array `N x H x W` of `f32`, one by one, so memory stays flat. The
+/// file appears when it is finished, or not at all.
+#[derive(Debug)]
+pub struct PlaneWriter {
+    file: Unfinished,
+    path: PathBuf,
+    /// Width and height of the first plane.
+    size: Option<(usize, usize)>,
+    count: usize,
+}
+
+impl PlaneWriter {
+    /// Begins a file; its folder is made if there is none.
+    ///
+    /// # Errors
+    /// The folder cannot be written to.
+    pub fn create(path: &Path) -> crate::Result<Self> {
+        let mut file = Unfinished::create(path)?;
+        // Filled in at the end, when the number of planes is known.
+        let begun = file.out.write_all(&[0; HEADER_BYTES]);
+        begun.map_err(|e| crate::Error::io("write", path, e))?;
+        Ok(Self {
+            file,
+            path: path.to_owned(),
+            size: None,
+            count: 0,
+        })
+    }
+
+    /// Width and height of the planes, once there is one.
+    pub fn size(&self) -> Option<(usize, usize)> {
+        self.size
+    }
+
+    /// Adds a plane.
+    ///
+    /// # Errors
+    /// The system refuses, e.g. because the disk is full.
+    ///
+    /// # Panics
+    /// The plane has another size than the first: see [`PlaneWriter::size`].
+    pub fn push(&mut self, plane: &Plane) -> crate::Result<()> {
+        let size = (plane.width, plane.height);
+        let first = *self.size.get_or_insert(size);
+        assert_eq!(size, first, "the planes of an array have one size");
+        for value in &plane.data {
+            let written = self.file.out.write_all(&value.to_le_bytes());
+            written.map_err(|e| crate::Error::io("write", &self.path, e))?;
+        }
+        self.count += 1;
+        Ok(())
+    }
+
+    /// Completes the file.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn finish(mut self) -> crate::Result<()> {
+        let (width, height) = self.size.unwrap_or_default();
+        let header = header(&[self.count, height, width]);
+        let out = &mut self.file.out;
+        let written = out.rewind().and_then(|()| out.write_all(&header));
+        written.map_err(|e| crate::Error::io("write", &self.path, e))?;
+        self.file.finish()
+    }
 }
 
 #[cfg(test)]
@@ -358,7 +436,7 @@ mod tests {
 
     fn file(bytes: &[u8]) -> File {
         let mut file = tempfile::tempfile().unwrap();
-        std::io::Write::write_all(&mut file, bytes).unwrap();
+        file.write_all(bytes).unwrap();
         file
     }
 
@@ -384,6 +462,43 @@ mod tests {
         let text = f4("(1, 1, 2)").replace("<f4", ">f8");
         let mut planes = Planes::new(file(&npy(&text, &doubles))).unwrap();
         assert_eq!(planes.plane(0).unwrap(), [0.5, 2.0]);
+    }
+
+    #[test]
+    fn planes_are_written_one_by_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/planes.npy");
+        let plane = |first: u8| Plane {
+            width: 3,
+            height: 2,
+            data: (first..first + 6).map(f32::from).collect(),
+        };
+        let mut writer = PlaneWriter::create(&path).unwrap();
+        assert_eq!(writer.size(), None);
+        writer.push(&plane(0)).unwrap();
+        writer.push(&plane(6)).unwrap();
+        assert_eq!(writer.size(), Some((3, 2)));
+        assert!(!path.exists(), "it is not finished");
+        writer.finish().unwrap();
+        // Recipe: np.save(FILE, np.arange(12, dtype='<f4').reshape(2, 2, 3)), NumPy 2.
+        let text = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2, 3), }";
+        let values: Vec<u8> = (0..12_u8)
+            .flat_map(|v| f32::from(v).to_le_bytes())
+            .collect();
+        let expected = [&npy(&format!("{text:117}\n"), &[]), &*values].concat();
+        assert_eq!(std::fs::read(&path).unwrap(), expected);
+        let mut back = Planes::new(File::open(&path).unwrap()).unwrap();
+        assert_eq!(back.plane(1).unwrap(), plane(6).data);
+
+        let mut given_up = PlaneWriter::create(&folder.path().join("new/other.npy")).unwrap();
+        given_up.push(&plane(0)).unwrap();
+        drop(given_up);
+        assert_eq!(
+            std::fs::read_dir(folder.path().join("new"))
+                .unwrap()
+                .count(),
+            1
+        );
     }
 
     #[test]

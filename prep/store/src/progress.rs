@@ -3,12 +3,15 @@
 //! A bar with rate and time left on a terminal; elsewhere (a log file, a batch system) a
 //! plain line every few seconds. Never on stdout, which belongs to results.
 
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::command::eprint_line;
+use crate::human;
 
 const LINE_EVERY: Duration = Duration::from_secs(5);
 
@@ -77,7 +80,7 @@ impl Progress {
                     && lines.last.elapsed() >= LINE_EVERY
                 {
                     lines.last = Instant::now();
-                    self.print(&self.line(done, self.started.elapsed(), &lines.note));
+                    eprint_line(&self.line(done, self.started.elapsed(), &lines.note));
                 }
             }
         }
@@ -98,8 +101,8 @@ impl Progress {
     /// for what went wrong.
     pub fn println(&self, line: &str) {
         match &self.shown {
-            Shown::Bar(bar) => bar.suspend(|| self.print(line)),
-            Shown::Nothing | Shown::Lines(_) => self.print(line),
+            Shown::Bar(bar) => bar.suspend(|| eprint_line(line)),
+            Shown::Nothing | Shown::Lines(_) => eprint_line(line),
         }
     }
 
@@ -109,7 +112,7 @@ impl Progress {
             bar.finish_and_clear();
         }
         if !matches!(self.shown, Shown::Nothing) {
-            self.print(&self.line(
+            eprint_line(&self.line(
                 self.done.load(Ordering::Relaxed),
                 self.started.elapsed(),
                 "",
@@ -125,9 +128,12 @@ impl Progress {
             0.0
         };
         let end = if done >= self.total {
-            format!("{} in all", span(seconds))
+            format!("{} in all", human::duration(seconds))
         } else if rate > 0.0 {
-            format!("{} left", span((self.total - done) as f64 / rate))
+            format!(
+                "{} left",
+                human::duration((self.total - done) as f64 / rate)
+            )
         } else {
             "time left unknown".to_owned()
         };
@@ -140,21 +146,6 @@ impl Progress {
             "{}: {done}/{} {}, {rate:.1}/s, {end}{note}",
             self.label, self.total, self.unit
         )
-    }
-
-    /// A closed stderr is no reason to stop working.
-    fn print(&self, line: &str) {
-        let _ = writeln!(std::io::stderr().lock(), "{line}");
-    }
-}
-
-/// `8 s`, `3 min 20 s`, `2 h 5 min`.
-fn span(seconds: f64) -> String {
-    let seconds = seconds.round() as u64;
-    match (seconds / 3600, seconds / 60 % 60, seconds % 60) {
-        (0, 0, s) => format!("{s} s"),
-        (0, m, s) => format!("{m} min {s} s"),
-        (h, m, _) => format!("{h} h {m} min"),
     }
 }
 
@@ -177,7 +168,6 @@ mod tests {
             progress.line(0, Duration::from_secs(7), ""),
             "prep eigen: 0/697 frames, 0.0/s, time left unknown"
         );
-        assert_eq!(span(7_500.0), "2 h 5 min");
     }
 
     #[test]
