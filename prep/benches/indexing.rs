@@ -8,8 +8,8 @@
 use std::fs::{self, File};
 use std::time::Instant;
 
-use strat_prep::inventory::{Inventory, Roles};
-use strat_prep::raw::RawFolder;
+use strat_prep::input::raw::RawFolder;
+use strat_prep::kitti::inventory::{Inventory, Roles};
 use strat_splits::Role;
 
 fn main() {

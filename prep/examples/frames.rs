@@ -16,7 +16,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use strat_geometry::{CamToCam, DepthAxis, ScanDepth, VeloToCam, velodyne_projection};
-use strat_prep::source::Source;
+use strat_prep::input::source::Source;
 use strat_store::resize::{self, Kernel};
 use strat_store::{files, image_files};
 

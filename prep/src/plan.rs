@@ -21,12 +21,12 @@ use strat_splits::{
 use strat_store::image_files::{self, Codec};
 use strat_store::resize::{self, Kernel};
 
-use crate::build::SETTINGS;
 use crate::cli::{parse_jobs, say};
-use crate::disk::{free_bytes, human_bytes};
 use crate::error::{Error, Result};
-use crate::raw::RawFolder;
-use crate::stereo2015::{Kind, SceneFolder};
+use crate::input::raw::RawFolder;
+use crate::input::stereo2015::{Kind, SceneFolder};
+use crate::kitti::samples::SETTINGS;
+use crate::set::space::{free_bytes, human_bytes};
 
 /// Bytes of all 61 archives of KITTI raw, synced and rectified, by common report.
 const ALL_OF_RAW: f64 = 175e9;

@@ -18,13 +18,13 @@ use strat_store::progress::Progress;
 use strat_store::set::{FileRef, MANIFEST, PreparedSet};
 use strat_store::{exr, files, image_files};
 
-use crate::build::{FAILURES, SETTINGS};
 use crate::cli::{parse_jobs, say, tell};
 use crate::error::{Error, Result};
-use crate::output;
-use crate::raw::RawFolder;
-use crate::source::Source;
-use crate::stereo2015::{Kind, SceneFolder};
+use crate::input::raw::RawFolder;
+use crate::input::source::Source;
+use crate::input::stereo2015::{Kind, SceneFolder};
+use crate::kitti::samples::{FAILURES, SETTINGS};
+use crate::set::writer as output;
 
 /// Names shown of each kind of trouble.
 const SHOWN: usize = 3;

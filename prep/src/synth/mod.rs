@@ -37,7 +37,7 @@ use strat_splits::FrameId;
 use strat_store::progress::Progress;
 use strat_store::{files, image_files, yaml};
 
-use crate::raw::RENDERED;
+use crate::input::raw::RENDERED;
 
 pub use preset::Preset;
 use preset::{Purpose, Shot};

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
 use strat_bench::evaluate::predictions::SavedPredictions;
-use strat_prep::{mat, source};
+use strat_prep::input::{mat, source};
 use strat_store::npy;
 use strat_store::set::{Content, FileRef, Sample};
 use tempfile::TempDir;

@@ -16,15 +16,15 @@ use strat_store::raster::Plane;
 use strat_store::resize::{self, Kernel};
 use strat_store::set::{FORMAT, FileRef, Sample};
 
-use crate::disk::{free_bytes, human_bytes};
 use crate::error::{Error, Result};
-use crate::inventory::{Input, Inventory, Job};
-use crate::merge::Shard;
-pub use crate::output::{FAILURES, Failure, Report, SETTINGS, Settings, check_output};
-use crate::output::{Made, Output, Piece, Run, Stop};
-use crate::raw::{Day, RawFolder};
-use crate::source::Source;
-use crate::stereo2015::camera_by_size;
+use crate::input::raw::{Day, RawFolder};
+use crate::input::source::Source;
+use crate::input::stereo2015::camera_by_size;
+use crate::kitti::inventory::{Input, Inventory, Job};
+use crate::set::shards::Shard;
+use crate::set::space::{free_bytes, human_bytes};
+pub use crate::set::writer::{FAILURES, Failure, Report, SETTINGS, Settings, check_output};
+use crate::set::writer::{Made, Output, Piece, Run, Stop};
 
 impl Settings {
     /// Settings of a set made from `raw`.

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use strat_splits::Date;
 
 use crate::error::{Error, Result};
-use crate::raw::{IMAGE_ENDINGS, names};
-use crate::source::{self, Source};
+use crate::input::raw::{IMAGE_ENDINGS, names};
+use crate::input::source::{self, Source};
 
 /// Which data set a folder should be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

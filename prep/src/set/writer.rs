@@ -2,8 +2,8 @@
 //! many threads or in parts, the files that are there and those that are added, and what could not
 //! be used.
 //!
-//! A frame is made by the module of its collection ([`crate::build`] for KITTI, else
-//! [`crate::workshop`] and its users); a bad input costs its own frame only.
+//! A frame is made by the module of its collection ([`crate::kitti::samples`] for KITTI, else
+//! [`crate::collections`] and its users); a bad input costs its own frame only.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -24,7 +24,7 @@ use strat_store::set::{
 use strat_store::{files, yaml};
 
 use crate::error::{Error, Result};
-use crate::merge::{self, Shard};
+use crate::set::shards::{self as merge, Shard};
 
 /// File that marks a folder as the output of a preparation, finished or not.
 pub const SETTINGS: &str = "settings.yaml";
@@ -240,7 +240,7 @@ fn holds_a_set(out: &Path, inputs: &[&Path]) -> Result<bool> {
 pub(crate) struct Run<'a> {
     pub out: &'a Path,
     pub settings: &'a Settings,
-    /// Only what falls to it is made, and its part of the tables (see [`merge`]).
+    /// Only what falls to it is made, and its part of the tables (see [`crate::set::shards`]).
     pub shard: Option<Shard>,
     pub threads: Option<usize>,
     pub quiet: bool,

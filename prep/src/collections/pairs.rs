@@ -15,10 +15,10 @@ use strat_store::raster::Plane;
 use strat_store::set::{Content, FileRef, Sample};
 use strat_store::{files, image_files, npy};
 
-use crate::build::Failure;
 use crate::cli;
+use crate::collections::{self as workshop, Frame, Options, Piece, Stop, Workshop};
 use crate::error::{Error, Result};
-use crate::workshop::{self, Frame, Options, Piece, Stop, Workshop};
+use crate::kitti::samples::Failure;
 
 const REQUIRED: [&str; 4] = ["left", "right", "focal_px", "baseline_m"];
 const OPTIONAL: [&str; 5] = ["id", "split", "depth", "disparity", "depth_scale"];

@@ -14,11 +14,11 @@ use strat_splits::Role;
 use strat_store::set::{Content, FileRef, Sample};
 use strat_store::{files, image_files};
 
-use crate::build::Failure;
 use crate::cli;
+use crate::collections::{self as workshop, Frame, Options, Piece, Stop, Workshop};
 use crate::error::{Error, Result};
-use crate::raw;
-use crate::workshop::{self, Frame, Options, Piece, Stop, Workshop};
+use crate::input::raw;
+use crate::kitti::samples::Failure;
 
 const FOLDERS: [(&str, Role); 4] = [
     ("train", Role::Train),

@@ -1,6 +1,10 @@
 //! What the collections beside KITTI share: their options, and pictures that may be cropped.
 //!
-//! KITTI itself, with archives and splits, is [`crate::build`].
+//! KITTI itself, with archives and splits, is [`crate::kitti::samples`].
+
+pub mod cityscapes;
+pub mod make3d;
+pub mod pairs;
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -17,10 +21,10 @@ use strat_store::set::{Content, FORMAT, FileRef, Sample};
 
 use crate::cli::parse_jobs;
 use crate::error::Result;
-use crate::merge::Shard;
-use crate::output::{self, Failure, Made, Output, Report, Run, Settings};
-pub(crate) use crate::output::{Frame, Piece, Stop};
-use crate::source::Source;
+use crate::input::source::Source;
+use crate::set::shards::Shard;
+use crate::set::writer::{self as output, Failure, Made, Output, Report, Run, Settings};
+pub(crate) use crate::set::writer::{Frame, Piece, Stop};
 
 /// Options of every collection.
 #[derive(Debug, Clone, clap::Args)]

@@ -18,7 +18,7 @@ pub use strat_store::shard::{PARTS, Shard};
 use strat_store::{files, yaml};
 
 use crate::error::{Error, Result};
-use crate::output::{self, FAILURES, Failure, Places, Results, SETTINGS, Settings};
+use crate::set::writer::{self as output, FAILURES, Failure, Places, Results, SETTINGS, Settings};
 
 /// File of a part that lists the frames of the whole: role and name, in order.
 const FRAMES: &str = "frames.csv";

@@ -13,11 +13,11 @@ use strat_splits::{
 };
 use strat_store::set::Count;
 
-use crate::annotated::AnnotatedFolder;
-use crate::output::Frame;
-use crate::raw::RawFolder;
-use crate::source::Source;
-use crate::stereo2015::SceneFolder;
+use crate::input::annotated::AnnotatedFolder;
+use crate::input::raw::RawFolder;
+use crate::input::source::Source;
+use crate::input::stereo2015::SceneFolder;
+use crate::set::writer::Frame;
 
 /// One sample to be made.
 pub type Job = Frame<Input>;

@@ -14,11 +14,11 @@ use strat_store::files;
 use strat_store::raster::Plane;
 use strat_store::set::{Content, Sample};
 
-use crate::build::Failure;
 use crate::cli::{self, tell};
+use crate::collections::{self as workshop, Frame, Options, Piece, Stop, Workshop};
 use crate::error::{Error, Result};
-use crate::mat::{self, Matrix};
-use crate::workshop::{self, Frame, Options, Piece, Stop, Workshop};
+use crate::input::mat::{self, Matrix};
+use crate::kitti::samples::Failure;
 
 /// Width and height in pixels of the test images.
 pub const IMAGE: (u32, u32) = (1704, 2272);

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use strat_splits::{DriveId, FrameId};
 
 use crate::error::{Error, Result};
-use crate::source::{self, Source};
+use crate::input::source::{self, Source};
 
 /// Folder of a drive in which the left images' ground truth lies.
 const PLACE: &str = "proj_depth/groundtruth/image_02";

@@ -11,7 +11,7 @@ use strat_geometry::{CamToCam, VeloToCam, velodyne_projection};
 use strat_splits::{Date, DriveId, FrameId};
 
 use crate::error::{Error, Result};
-use crate::source::{self, Source};
+use crate::input::source::{self, Source};
 
 const OPTION: &str = "--raw";
 

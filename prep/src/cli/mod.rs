@@ -19,18 +19,19 @@ use strat_splits::{
 use strat_store::image_files::Codec;
 use strat_store::resize::Kernel;
 
-use crate::annotated::AnnotatedFolder;
-use crate::build::{self, FAILURES, Report, Settings};
+use crate::collections::{cityscapes, make3d, pairs};
 use crate::error::{Error, Result};
-use crate::inventory::{self, Inventory, Roles};
-use crate::merge::{self, Shard};
-use crate::output::Run;
+use crate::export;
+use crate::input::annotated::AnnotatedFolder;
+use crate::input::raw::{RENDERED, RawFolder};
+use crate::input::stereo2015::{Kind, SceneFolder};
+use crate::kitti::inventory::{self, Inventory, Roles};
+use crate::kitti::samples::{self as build, FAILURES, Report, Settings};
 use crate::plan;
-use crate::raw::{RENDERED, RawFolder};
-use crate::stereo2015::{Kind, SceneFolder};
+use crate::set::shards::{self as merge, Shard};
+use crate::set::writer::Run;
 use crate::synth;
 use crate::verify;
-use crate::{cityscapes, export, make3d, pairs};
 
 const EXAMPLES: &str = "\
 Examples:
