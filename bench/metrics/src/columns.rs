@@ -83,12 +83,12 @@ pub(crate) fn read<T>(
 ) -> Result<Vec<T>, CsvError> {
     let mut csv = csv::Reader::from_reader(reader);
     let expected = || names.join(", ");
-    let mut places = BTreeMap::new();
-    for (place, name) in csv.headers()?.iter().enumerate() {
+    let mut indices = BTreeMap::new();
+    for (index, name) in csv.headers()?.iter().enumerate() {
         // A spreadsheet may have put a byte order mark in front.
         let name = name.trim_start_matches('\u{feff}');
         match names.iter().find(|known| **known == name) {
-            Some(known) if places.insert(*known, place).is_none() => {}
+            Some(known) if indices.insert(*known, index).is_none() => {}
             _ => {
                 return Err(CsvError::UnknownColumn {
                     column: name.to_owned(),
@@ -97,7 +97,7 @@ pub(crate) fn read<T>(
             }
         }
     }
-    if let Some(column) = names.iter().find(|name| !places.contains_key(*name)) {
+    if let Some(column) = names.iter().find(|name| !indices.contains_key(*name)) {
         return Err(CsvError::MissingColumn {
             column,
             expected: expected(),
@@ -109,7 +109,7 @@ pub(crate) fn read<T>(
         let line = record.position().map_or(0, csv::Position::line);
         items.push(parse(&Fields {
             record: &record,
-            places: &places,
+            indices: &indices,
             line,
         })?);
     }
@@ -119,15 +119,15 @@ pub(crate) fn read<T>(
 /// One record with its columns by name.
 pub(crate) struct Fields<'a> {
     record: &'a csv::StringRecord,
-    places: &'a BTreeMap<&'static str, usize>,
+    indices: &'a BTreeMap<&'static str, usize>,
     line: u64,
 }
 
 impl Fields<'_> {
     fn raw(&self, column: &'static str) -> &str {
-        self.places
+        self.indices
             .get(column)
-            .and_then(|place| self.record.get(*place))
+            .and_then(|index| self.record.get(*index))
             .unwrap_or("")
     }
 

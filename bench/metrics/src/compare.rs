@@ -195,11 +195,11 @@ fn one_pair(
         let all: BTreeSet<&str> = of_a.iter().chain(&of_b).map(|r| r.image.as_str()).collect();
         let count = common.len() as f64;
         for metric in Metric::ALL {
-            let place = metric as usize;
+            let index = metric as usize;
             let mut sums: BTreeMap<&str, (f64, u32)> = BTreeMap::new();
             for (image, a, b) in &common {
                 let (sum, images) = sums.entry(cluster_of(image)).or_default();
-                *sum += b[place] - a[place];
+                *sum += b[index] - a[index];
                 *images += 1;
             }
             let totals: Vec<f64> = sums.values().map(|(sum, _)| *sum).collect();
@@ -214,10 +214,10 @@ fn one_pair(
                 images: paired.images,
                 unpaired_images: all.len() as u64 - paired.images,
                 clusters: paired.clusters,
-                mean_a: common.iter().map(|(_, a, _)| a[place]).sum::<f64>() / count,
-                mean_b: common.iter().map(|(_, _, b)| b[place]).sum::<f64>() / count,
+                mean_a: common.iter().map(|(_, a, _)| a[index]).sum::<f64>() / count,
+                mean_b: common.iter().map(|(_, _, b)| b[index]).sum::<f64>() / count,
                 difference: paired.mean.get(metric),
-                interval: paired.intervals.map(|intervals| intervals[place]),
+                interval: paired.intervals.map(|intervals| intervals[index]),
                 p_permutation: sign_flip(&totals, options.permutations, options.seed),
                 exact: totals.len() <= EXACT_UP_TO,
                 p_wilcoxon: wilcoxon(&means),
@@ -252,13 +252,13 @@ pub fn sign_flip(differences: &[f64], draws: u32, seed: u64) -> Option<f64> {
         differences
             .iter()
             .enumerate()
-            .map(|(place, value)| if bits(place) { -value } else { *value })
+            .map(|(index, value)| if bits(index) { -value } else { *value })
             .sum()
     };
     if count <= EXACT_UP_TO {
         let patterns = 1_u32 << count;
         let hits = (0..patterns)
-            .filter(|pattern| reaches(flipped(&|place| pattern >> place & 1 == 1)))
+            .filter(|pattern| reaches(flipped(&|index| pattern >> index & 1 == 1)))
             .count();
         return Some(hits as f64 / f64::from(patterns));
     }
@@ -269,7 +269,7 @@ pub fn sign_flip(differences: &[f64], draws: u32, seed: u64) -> Option<f64> {
         for word in &mut words {
             *word = random.next_u64();
         }
-        let sum = flipped(&|place| words[place / 64] >> (place % 64) & 1 == 1);
+        let sum = flipped(&|index| words[index / 64] >> (index % 64) & 1 == 1);
         hits += u32::from(reaches(sum));
     }
     Some(f64::from(hits) / (f64::from(draws) + 1.0))
@@ -327,9 +327,9 @@ pub fn holm(p: &[f64]) -> Vec<f64> {
     order.sort_by(|a, b| p[*a].total_cmp(&p[*b]));
     let mut adjusted = vec![0.0; p.len()];
     let mut highest = 0.0_f64;
-    for (done, place) in order.into_iter().enumerate() {
-        highest = highest.max(((p.len() - done) as f64 * p[place]).min(1.0));
-        adjusted[place] = highest;
+    for (done, index) in order.into_iter().enumerate() {
+        highest = highest.max(((p.len() - done) as f64 * p[index]).min(1.0));
+        adjusted[index] = highest;
     }
     adjusted
 }

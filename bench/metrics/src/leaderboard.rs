@@ -396,10 +396,10 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
         }
         let mut figures = [None; 9];
         let mut intervals = [None; 9];
-        for place in 0..9 {
-            let [value, low, high] = [0, 1, 2].map(|i| COLUMNS[FIRST_FIGURE + 3 * place + i]);
-            figures[place] = fields.optional_measure(value)?;
-            intervals[place] = match (
+        for index in 0..9 {
+            let [value, low, high] = [0, 1, 2].map(|i| COLUMNS[FIRST_FIGURE + 3 * index + i]);
+            figures[index] = fields.optional_measure(value)?;
+            intervals[index] = match (
                 fields.optional_measure(low)?,
                 fields.optional_measure(high)?,
             ) {
@@ -663,8 +663,8 @@ mod tests {
 
     #[test]
     fn metrics_stand_where_the_header_says() {
-        for (place, metric) in Metric::ALL.into_iter().enumerate() {
-            assert_eq!(COLUMNS[FIRST_FIGURE + 3 * place], metric.name());
+        for (index, metric) in Metric::ALL.into_iter().enumerate() {
+            assert_eq!(COLUMNS[FIRST_FIGURE + 3 * index], metric.name());
         }
         assert_eq!(measured_entries()[0].cells().len(), COLUMNS.len());
     }

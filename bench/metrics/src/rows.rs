@@ -330,13 +330,15 @@ impl<'a> ModelRows<'a> {
 /// Rows that do not belong together, or an image twice.
 pub fn by_model<'a>(rows: &'a [Row], protocol: &str) -> Result<Vec<ModelRows<'a>>, RowsError> {
     let mut models: Vec<ModelRows<'a>> = Vec::new();
-    let mut places = BTreeMap::new();
+    let mut indices = BTreeMap::new();
     for row in rows.iter().filter(|row| row.context.protocol == protocol) {
-        let place = *places.entry(row.context.model.as_str()).or_insert_with(|| {
-            models.push(ModelRows { rows: Vec::new() });
-            models.len() - 1
-        });
-        models[place].rows.push(row);
+        let index = *indices
+            .entry(row.context.model.as_str())
+            .or_insert_with(|| {
+                models.push(ModelRows { rows: Vec::new() });
+                models.len() - 1
+            });
+        models[index].rows.push(row);
     }
     for model in &mut models {
         model.rows.sort_by(|a, b| a.key().cmp(&b.key()));

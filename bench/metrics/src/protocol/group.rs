@@ -109,8 +109,8 @@ impl Group {
     /// True depth in metres of a group of distance: above the first number, up to the second,
     /// which is infinite for the last group.
     pub fn distance_m(self) -> Option<(f64, f64)> {
-        let place = Self::DISTANCES.iter().position(|group| *group == self)?;
-        let ends = [
+        let index = Self::DISTANCES.iter().position(|group| *group == self)?;
+        let bounds = [
             0.0,
             5.0,
             10.0,
@@ -123,7 +123,7 @@ impl Group {
             80.0,
             f64::INFINITY,
         ];
-        Some((ends[place], ends[place + 1]))
+        Some((bounds[index], bounds[index + 1]))
     }
 
     /// Group of a Cityscapes label id; void, nature and sky belong to none.

@@ -242,14 +242,14 @@ fn label_ids_of_the_groups() {
     assert!("sky".parse::<Group>().is_err());
 }
 
-/// Each depth has one distance; ends belong to the nearer group.
+/// Each depth has one distance; bounds belong to the nearer group.
 #[test]
 fn distances_of_the_groups() {
-    let ends: Vec<(f64, f64)> = Group::DISTANCES
+    let bounds: Vec<(f64, f64)> = Group::DISTANCES
         .iter()
         .filter_map(|group| group.distance_m())
         .collect();
-    assert!(ends.windows(2).all(|pair| pair[0].1 == pair[1].0));
+    assert!(bounds.windows(2).all(|pair| pair[0].1 == pair[1].0));
     for (depth_m, group) in [
         (1e-9, Some(Group::To5m)),
         (5.0, Some(Group::To5m)),

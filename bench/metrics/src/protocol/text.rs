@@ -211,14 +211,14 @@ impl Protocol {
                 self.crop
             ),
         });
-        let ends = if self.strict_comparisons {
+        let limits = if self.strict_comparisons {
             "strictly between"
         } else {
             "from"
         };
         lines.push(if self.mask_ground_truth {
             format!(
-                "Pixels: true depth {ends} {} m and {} m.",
+                "Pixels: true depth {limits} {} m and {} m.",
                 self.min_depth_m, self.max_depth_m
             )
         } else {

@@ -2,7 +2,7 @@
 
 use super::coverage::Coverage;
 use super::methods::named;
-use super::part::{Part, display_name};
+use super::part::Part;
 use super::table::{Cell, Line, Table, figure_column, mark_best, plain};
 use crate::metrics::Metric;
 use crate::protocol::Group;
@@ -25,9 +25,11 @@ impl Table {
             self.columns
                 .push(figure_column(format!("{name} (published)")));
         }
-        for (model, _) in &part.models {
-            self.columns
-                .push(figure_column(format!("{} (measured)", display_name(model))));
+        for model in &part.models {
+            self.columns.push(figure_column(format!(
+                "{} (measured)",
+                model.display_name()
+            )));
         }
         self.columns.push(plain("images", "Images", true));
         self.columns.push(plain("pixels", "Pixels", true));
@@ -36,7 +38,7 @@ impl Table {
         let pooled = "Root of the mean over all pixels of the group";
         for (heading, is_pooled) in [(per_image, false), (pooled, true)] {
             let mut section = part.section(Some(heading.to_owned()), coverage);
-            let mut ends: Vec<Vec<String>> = vec![Vec::new(); part.models.len()];
+            let mut bounds: Vec<Vec<String>> = vec![Vec::new(); part.models.len()];
             for group in Group::SEMANTIC {
                 let mut line = Line {
                     measured: !part.models.is_empty(),
@@ -55,8 +57,9 @@ impl Table {
                     line.cells.push(Cell::figure(printed.map(|cell| cell.rmse)));
                 }
                 let mut counts = Vec::new();
-                for ((model, _), ends) in part.models.iter().zip(&mut ends) {
-                    let summary = summarise(&model.of_group(Some(group)), &Bootstrap::default());
+                for (model, bounds) in part.models.iter().zip(&mut bounds) {
+                    let summary =
+                        summarise(&model.rows.of_group(Some(group)), &Bootstrap::default());
                     let figure = summary.as_ref().map(|summary| {
                         if is_pooled {
                             (summary.pooled_rmse, summary.pooled_rmse_interval)
@@ -68,7 +71,7 @@ impl Table {
                     let rmse = figure.map(|(rmse, _)| rmse);
                     if let Some((_, Some(interval))) = figure {
                         let Interval { low, high } = interval;
-                        ends.push(format!(
+                        bounds.push(format!(
                             "{} {low:.3} to {high:.3}",
                             capitalised(group.name())
                         ));
@@ -99,15 +102,15 @@ impl Table {
                 line.cells.extend([images, pixels]);
                 section.lines.push(line);
             }
-            for ((model, _), ends) in part.models.iter().zip(ends) {
-                if !ends.is_empty() {
+            for (model, bounds) in part.models.iter().zip(bounds) {
+                if !bounds.is_empty() {
                     self.notes.push(format!(
                         "{} under {}, {}, 95 % intervals ({} resamples): {}.",
-                        display_name(model),
+                        model.display_name(),
                         part.protocol,
                         heading.to_lowercase(),
                         Bootstrap::default().resamples,
-                        ends.join(", ")
+                        bounds.join(", ")
                     ));
                 }
             }

@@ -2,13 +2,11 @@
 
 use super::coverage::Coverage;
 use super::notes::{heading, seeds_note};
-use super::part::{Part, display_name, seed_of};
+use super::part::{Measured, Part};
 use super::table::{Cell, Column, Line, Table, mark_best, plain};
 use crate::metrics::Metric;
 use crate::protocol::protocol;
 use crate::published::{self, PublishedRow};
-use crate::rows::ModelRows;
-use crate::statistics::Summary;
 use crate::thesis::ThesisTable;
 
 impl Table {
@@ -64,7 +62,7 @@ impl Table {
                 }
             }
             for method in part.methods() {
-                let &[(model, summary)] = method.as_slice() else {
+                let &[model] = method.as_slice() else {
                     section
                         .lines
                         .push(seeds_line(part, &method, coverage, with_d1));
@@ -76,7 +74,7 @@ impl Table {
                     grey: false,
                     comparable: part.competes(model, coverage),
                     cells: vec![
-                        Cell::text(display_name(model)),
+                        Cell::text(model.display_name()),
                         Cell::text("measured"),
                         Cell::text("-"),
                         Cell {
@@ -85,6 +83,7 @@ impl Table {
                         },
                     ],
                 };
+                let summary = &model.summary;
                 line.push_metrics(summary.mean, summary.intervals);
                 if with_d1 {
                     line.cells.push(Cell {
@@ -94,10 +93,10 @@ impl Table {
                 }
                 section.lines.push(line);
             }
-            for (place, column) in self.columns.iter().enumerate().filter(|(_, c)| c.numeric) {
+            for (index, column) in self.columns.iter().enumerate().filter(|(_, c)| c.numeric) {
                 let lower = !matches!(column.key.as_str(), "a1" | "a2" | "a3");
                 let cells = section.lines.iter_mut().filter(|line| line.comparable);
-                mark_best(cells.filter_map(|line| line.cells.get_mut(place)), lower);
+                mark_best(cells.filter_map(|line| line.cells.get_mut(index)), lower);
             }
             self.sections.push(section);
         }
@@ -123,19 +122,17 @@ impl Table {
 /// One line for several seeds: mean and standard deviation of the seeds' figures.
 fn seeds_line(
     part: &Part<'_>,
-    seeds: &[&(ModelRows<'_>, Summary)],
+    seeds: &[&Measured<'_>],
     coverage: &Coverage,
     with_d1: bool,
 ) -> Line {
-    let name = seeds.first().and_then(|(model, _)| seed_of(model));
-    let fewest = seeds.iter().map(|(model, _)| model.images()).min();
+    let name = seeds.first().and_then(|model| model.seed());
+    let fewest = seeds.iter().map(|model| model.images()).min();
     let fewest = fewest.unwrap_or(0);
     let mut line = Line {
         measured: true,
         grey: false,
-        comparable: seeds
-            .iter()
-            .all(|(model, _)| part.competes(model, coverage)),
+        comparable: seeds.iter().all(|model| part.competes(model, coverage)),
         cells: vec![
             Cell::text(format!(
                 "{} ({} seeds)",
@@ -151,11 +148,14 @@ fn seeds_line(
         ],
     };
     line.cells.extend(Metric::ALL.map(|metric| {
-        let values: Vec<f64> = seeds.iter().map(|(_, s)| s.mean.get(metric)).collect();
+        let values: Vec<f64> = seeds
+            .iter()
+            .map(|model| model.summary.mean.get(metric))
+            .collect();
         Cell::spread(&values)
     }));
     if with_d1 {
-        let values: Option<Vec<f64>> = seeds.iter().map(|(_, summary)| summary.d1_all).collect();
+        let values: Option<Vec<f64>> = seeds.iter().map(|model| model.summary.d1_all).collect();
         line.cells.push(match values {
             Some(values) => Cell::spread(&values),
             None => Cell::figure(None),

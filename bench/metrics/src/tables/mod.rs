@@ -86,10 +86,8 @@ pub fn build_with(
         built.fill_methods(&parts, coverage);
     }
     for part in &parts {
-        for (model, summary) in &part.models {
-            built
-                .notes
-                .extend(measured_notes(&part.protocol, model, summary));
+        for model in &part.models {
+            built.notes.extend(measured_notes(&part.protocol, model));
         }
     }
     Ok(built)

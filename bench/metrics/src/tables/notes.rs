@@ -1,11 +1,10 @@
 //! The sentences above and below a table.
 
 use super::coverage::{Coverage, Source};
-use super::part::{Part, seed_of, short};
+use super::part::{Measured, Part, short};
 use crate::metrics::Metric;
 use crate::protocol::{LogBase, protocol};
-use crate::rows::ModelRows;
-use crate::statistics::{Bootstrap, Summary};
+use crate::statistics::Bootstrap;
 use crate::thesis::ThesisTable;
 
 pub(super) fn first_line(table: ThesisTable, parts: &[Part<'_>], coverage: &Coverage) -> String {
@@ -13,7 +12,7 @@ pub(super) fn first_line(table: ThesisTable, parts: &[Part<'_>], coverage: &Cove
     let counts: Vec<(&str, &str, u64)> = parts
         .iter()
         .flat_map(|part| {
-            part.models.iter().map(|(model, _)| {
+            part.models.iter().map(|model| {
                 let name = model.context().model.as_str();
                 (part.protocol.as_str(), name, model.images())
             })
@@ -63,7 +62,7 @@ pub(super) fn remarks(table: ThesisTable, parts: &[Part<'_>], coverage: &Coverag
     let incomplete = parts
         .iter()
         .flat_map(|part| &part.models)
-        .any(|(model, _)| model.images() < coverage.expected_images);
+        .any(|model| model.images() < coverage.expected_images);
     if incomplete {
         remarks.push(
             "Measured figures over part of the images do not compete with published ones."
@@ -87,16 +86,16 @@ pub(super) fn heading(metric: Metric, name: &str) -> &'static str {
     }
 }
 
-pub(super) fn measured_notes(
-    protocol: &str,
-    model: &ModelRows<'_>,
-    summary: &Summary,
-) -> Vec<String> {
-    let name = &model.context().model;
+pub(super) fn measured_notes(protocol: &str, model: &Measured<'_>) -> Vec<String> {
+    let (name, summary) = (&model.context().model, &model.summary);
     let mut notes = Vec::new();
     // A mean over groups of one image would mix different numbers of pixels; table 3.2 has no
     // single row per model.
-    let grouped = model.rows().iter().any(|row| row.score.group.is_some());
+    let grouped = model
+        .rows
+        .rows()
+        .iter()
+        .any(|row| row.score.group.is_some());
     if let (Some(intervals), false) = (&summary.intervals, grouped) {
         let figures = Metric::ALL.map(|metric| {
             let interval = intervals[metric as usize];
@@ -132,11 +131,8 @@ pub(super) fn measured_notes(
     notes
 }
 
-pub(super) fn seeds_note(protocol: &str, seeds: &[&(ModelRows<'_>, Summary)]) -> String {
-    let named: Vec<(&str, &str)> = seeds
-        .iter()
-        .filter_map(|(model, _)| seed_of(model))
-        .collect();
+pub(super) fn seeds_note(protocol: &str, seeds: &[&Measured<'_>]) -> String {
+    let named: Vec<(&str, &str)> = seeds.iter().filter_map(|model| model.seed()).collect();
     let seeds: Vec<&str> = named.iter().map(|(_, seed)| *seed).collect();
     format!(
         "{} under {protocol}: mean ± standard deviation over the seeds {}.",

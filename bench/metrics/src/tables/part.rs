@@ -4,8 +4,40 @@ use super::coverage::Coverage;
 use super::error::TableError;
 use super::table::Section;
 use crate::protocol::protocol;
-use crate::rows::{ModelRows, Row, by_model};
+use crate::rows::{ModelRows, Row, RowContext, by_model};
 use crate::statistics::{Bootstrap, Summary, summarise};
+
+/// One model's rows under the section's protocol, and what they come to.
+pub(super) struct Measured<'a> {
+    pub(super) rows: ModelRows<'a>,
+    pub(super) summary: Summary,
+}
+
+impl<'a> Measured<'a> {
+    pub(super) fn context(&self) -> &'a RowContext {
+        self.rows.context()
+    }
+
+    pub(super) fn images(&self) -> u64 {
+        self.rows.images()
+    }
+
+    /// Name and seed of a model called `NAME@SEED`.
+    pub(super) fn seed(&self) -> Option<(&'a str, &'a str)> {
+        let (name, seed) = self.context().model.rsplit_once('@')?;
+        (!name.is_empty() && !seed.is_empty()).then_some((name, seed))
+    }
+
+    pub(super) fn display_name(&self) -> String {
+        let context = self.context();
+        match &context.variant {
+            Some(variant) if !context.model.contains(variant.as_str()) => {
+                format!("{} ({variant})", context.model)
+            }
+            _ => context.model.clone(),
+        }
+    }
+}
 
 /// The measured models of one section.
 pub(super) struct Part<'a> {
@@ -13,7 +45,7 @@ pub(super) struct Part<'a> {
     /// The table's own protocol in this place, which says which published rows belong here.
     pub(super) own: &'static str,
     pub(super) digest: String,
-    pub(super) models: Vec<(ModelRows<'a>, Summary)>,
+    pub(super) models: Vec<Measured<'a>>,
 }
 
 impl<'a> Part<'a> {
@@ -33,9 +65,9 @@ impl<'a> Part<'a> {
                     .map(|model| model.context().protocol_digest.clone())
             });
         let digest = digest.unwrap_or_default();
-        let mut summarised = Vec::new();
-        for model in models {
-            let context = model.context();
+        let mut measured = Vec::new();
+        for rows in models {
+            let context = rows.context();
             if context.protocol_digest != digest {
                 return Err(TableError::Definition {
                     model: context.model.clone(),
@@ -44,35 +76,35 @@ impl<'a> Part<'a> {
                     expected: short(&digest).to_owned(),
                 });
             }
-            if model.images() > coverage.expected_images {
+            if rows.images() > coverage.expected_images {
                 return Err(TableError::Excess {
                     model: context.model.clone(),
                     protocol: name.to_owned(),
-                    found: model.images(),
+                    found: rows.images(),
                     expected: coverage.expected_images,
                 });
             }
-            if let Some(summary) = summarise(model.rows(), &Bootstrap::default()) {
-                summarised.push((model, summary));
+            if let Some(summary) = summarise(rows.rows(), &Bootstrap::default()) {
+                measured.push(Measured { rows, summary });
             }
         }
         Ok(Self {
             protocol: name.to_owned(),
             own,
             digest,
-            models: summarised,
+            models: measured,
         })
     }
 
     /// The models by method, in the order of their first row. Models called `NAME@SEED` are
     /// seeds of one method if there are at least two of them; every other model is its own.
-    pub(super) fn methods(&self) -> Vec<Vec<&(ModelRows<'a>, Summary)>> {
-        let mut methods: Vec<Vec<&(ModelRows<'a>, Summary)>> = Vec::new();
+    pub(super) fn methods(&self) -> Vec<Vec<&Measured<'a>>> {
+        let mut methods: Vec<Vec<&Measured<'a>>> = Vec::new();
         for entry in &self.models {
-            let name = seed_of(&entry.0).map(|(name, _)| name);
-            let siblings = methods.iter_mut().find(|method| {
-                name.is_some() && seed_of(&method[0].0).map(|(name, _)| name) == name
-            });
+            let name = entry.seed().map(|(name, _)| name);
+            let siblings = methods
+                .iter_mut()
+                .find(|method| name.is_some() && method[0].seed().map(|(name, _)| name) == name);
             match siblings {
                 Some(method) => method.push(entry),
                 None => methods.push(vec![entry]),
@@ -85,15 +117,13 @@ impl<'a> Part<'a> {
         self.protocol == self.own
     }
 
-    pub(super) fn competes(&self, model: &ModelRows<'_>, coverage: &Coverage) -> bool {
+    pub(super) fn competes(&self, model: &Measured<'_>, coverage: &Coverage) -> bool {
         self.is_own() && coverage.source.competes() && model.images() == coverage.expected_images
     }
 
     pub(super) fn data_digest(&self) -> String {
         let first = self.models.first();
-        first.map_or_else(String::new, |(model, _)| {
-            model.context().data_digest.clone()
-        })
+        first.map_or_else(String::new, |model| model.context().data_digest.clone())
     }
 
     pub(super) fn section(&self, heading: Option<String>, coverage: &Coverage) -> Section {
@@ -111,7 +141,7 @@ impl<'a> Part<'a> {
 pub(super) fn one_data_set(parts: &[Part<'_>]) -> Result<(), TableError> {
     let mut contexts = parts
         .iter()
-        .flat_map(|part| part.models.iter().map(|(model, _)| model.context()));
+        .flat_map(|part| part.models.iter().map(Measured::context));
     let Some(first) = contexts.next() else {
         return Ok(());
     };
@@ -129,20 +159,4 @@ pub(super) fn one_data_set(parts: &[Part<'_>]) -> Result<(), TableError> {
 /// First twelve characters of a digest: enough to tell two apart in a heading.
 pub(super) fn short(digest: &str) -> &str {
     digest.get(..12).unwrap_or(digest)
-}
-
-/// Name and seed of a model called `NAME@SEED`.
-pub(super) fn seed_of<'a>(model: &ModelRows<'a>) -> Option<(&'a str, &'a str)> {
-    let (name, seed) = model.context().model.rsplit_once('@')?;
-    (!name.is_empty() && !seed.is_empty()).then_some((name, seed))
-}
-
-pub(super) fn display_name(model: &ModelRows<'_>) -> String {
-    let context = model.context();
-    match &context.variant {
-        Some(variant) if !context.model.contains(variant.as_str()) => {
-            format!("{} ({variant})", context.model)
-        }
-        _ => context.model.clone(),
-    }
 }

@@ -18,8 +18,8 @@ impl Table {
                 .bottom_border(rule),
         );
         table.set_header(self.columns.iter().map(|column| &column.heading));
-        for (place, column) in self.columns.iter().enumerate() {
-            let Some(cells) = table.column_mut(place) else {
+        for (index, column) in self.columns.iter().enumerate() {
+            let Some(cells) = table.column_mut(index) else {
                 continue;
             };
             cells.set_padding((0, 1));
@@ -27,9 +27,9 @@ impl Table {
                 cells.set_cell_alignment(CellAlignment::Right);
             }
         }
-        for (place, section) in self.sections.iter().enumerate() {
+        for (index, section) in self.sections.iter().enumerate() {
             if let Some(heading) = &section.heading {
-                if place > 0 {
+                if index > 0 {
                     table.add_row(self.columns.iter().map(|_| ""));
                 }
                 table.add_row(first_of(self.columns.len(), heading));

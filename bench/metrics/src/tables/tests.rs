@@ -370,14 +370,14 @@ fn published_rows_alone() {
 
 /// Text of the cell of a method in a column, with its brackets.
 fn best_methods(table: &Table, key: &str) -> Vec<String> {
-    let place = table
+    let index = table
         .columns
         .iter()
         .position(|column| column.key == key)
         .unwrap();
     let lines = table.sections.iter().flat_map(|section| &section.lines);
     lines
-        .filter(|line| line.cells[place].best)
+        .filter(|line| line.cells[index].best)
         .map(|line| line.cells[0].text.clone())
         .collect()
 }
