@@ -200,8 +200,8 @@ mod tests {
             .map(|f| f.index)
             .collect();
         assert_eq!(first, [5, 7, 14, 18, 36, 53, 66, 68, 91, 97]);
-        // Recipe: SHA-256 of "<drive>/<frame, ten digits>\n" over the lists drawn by an
-        // independent Python program (hashlib), drives in table order, frames ascending.
+        // Recipe: make_golden.py splits/validation: SHA-256 of "<drive>/<frame, ten digits>\n" over
+        // the drawn frames, drives in table order, frames ascending.
         for (split, expected) in [
             (
                 Split::Kitti,

@@ -37,7 +37,7 @@ def predictions(count, height=96, width=320):
         near = np.maximum(y - 20 - k % 7, 0) / height
         plane = 0.002 + 0.05 * near + 0.001 * np.sin(x / (9 + k) + k) * np.cos(y / 7)
         if k % 2 == 1:
-            plane[40:44, 100:108] = 0
+            plane[60:66, 100:120] = 0
         maps.append(plane)
     return np.asarray(maps, "<f4")
 

@@ -344,16 +344,17 @@ mod tests {
 
     const TEN: [f64; 10] = [0.5, -0.3, 1.2, 0.8, -0.1, 0.9, 0.4, 1.1, -0.6, 0.7];
 
-    /// Recipe: scipy 1.17.1, `permutation_test((x,), numpy.mean, permutation_type='samples',
-    /// n_resamples=numpy.inf).pvalue` and `wilcoxon(x, method='exact').pvalue`.
+    /// Recipe: make_golden.py metrics/exact-p. scipy 1.17.1 gives the same:
+    /// `permutation_test((x,), numpy.mean, permutation_type='samples', n_resamples=numpy.inf).pvalue`
+    /// and `wilcoxon(x, method='exact').pvalue`.
     #[test]
     fn exact_p_values_are_those_of_scipy() {
         assert_eq!(sign_flip(&TEN, 1, 0), Some(0.05078125));
         assert!((wilcoxon(&TEN).unwrap() - 0.048828125).abs() < 1e-12);
     }
 
-    /// Recipe: scipy 1.17.1, `wilcoxon(x, method='asymptotic', zero_method='wilcox',
-    /// correction=False).pvalue` with a zero and ties in x.
+    /// Recipe: make_golden.py metrics/wilcoxon-ties, with a zero and ties. scipy 1.17.1 gives the same:
+    /// `wilcoxon(x, method='asymptotic', zero_method='wilcox', correction=False).pvalue`.
     #[test]
     fn approximate_p_with_ties_and_a_zero_is_that_of_scipy() {
         let ties = [

@@ -275,7 +275,7 @@ mod tests {
 
     #[test]
     fn d1_limits() {
-        // oracle.py selftest: error 3 px of 10 px; 2.9 px; 4 px but only 4 %; no ground truth.
+        // By hand: error 3 px of 10 px; 2.9 px; 4 px but only 4 %; no ground truth.
         let pairs = [(10.0, 13.0), (10.0, 12.9), (100.0, 104.0), (0.0, 9.0)];
         assert_eq!(d1_all(pairs, D1Rule::Inclusive), Some(100.0 / 3.0));
         assert_eq!(d1_all(pairs, D1Rule::Strict), Some(0.0));

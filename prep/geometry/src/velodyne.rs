@@ -503,8 +503,7 @@ mod tests {
 
     #[test]
     fn depth_images_equal_the_oracle_bit_for_bit() {
-        // Recipe: oracle.velo_depth_map(closed_form_cloud, oracle.velo_projection(CAM, VELO),
-        // height, width, depth).astype(float32), collisions "reference", then `fingerprint`.
+        // Recipe: make_golden.py geometry/scan.
         // 62 x 24 with the projection scaled by 1/20 makes nearly every pixel a collision.
         let cam = CamToCam::parse(CAM).unwrap();
         let projection = velodyne_projection(&cam, &VeloToCam::parse(VELO).unwrap());

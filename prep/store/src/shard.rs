@@ -152,8 +152,7 @@ mod tests {
         assert_eq!(shards, [GOLDEN.0, GOLDEN.1]);
     }
 
-    // python3 -c "import blake3; print([int.from_bytes(blake3.blake3(i.encode()).digest()[:8],
-    // 'little') % 8 for i in ['kitti2015/000006', '2011_09_26_drive_0001/0000000005']])"
+    // Recipe: make_golden.py store/shard.
     const GOLDEN: (u32, u32) = (1, 5);
 
     #[test]

@@ -2,7 +2,11 @@
 //! frames where there are some.
 
 mod architecture;
+mod golden;
 mod kitti_samples;
 mod modules;
 mod oracle;
 mod pipeline;
+mod protocol;
+mod python;
+mod sources;

@@ -394,7 +394,7 @@ mod tests {
         assert!((found - expected).abs() < tolerance, "{found} {expected}");
     }
 
-    /// `oracle.dssim` on `0.5 + 0.4 sin(0.9 x + 0.4 y + c)` and
+    /// Recipe: make_golden.py train/dssim: images `0.5 + 0.4 sin(0.9 x + 0.4 y + c)` and
     /// `0.5 + 0.4 sin(0.9 x + 0.5 y + 1.2 c + 0.3)`, 5 rows, 6 columns, 3 channels.
     #[test]
     fn dssim_agrees_with_the_reference() {
@@ -515,9 +515,7 @@ mod tests {
         (image(0.0), image(0.8), disparities)
     }
 
-    /// Recipe: the images and disparities of `closed_form`, pyramids by `oracle.area_pyramid`,
-    /// warps by `oracle.sample_horizontal`, means of `oracle.dssim`, of absolute differences and
-    /// of the smoothness formula of PROTOCOL 4.4, summed over four scales, in f64.
+    /// Recipe: make_golden.py train/losses, for the images and disparities of `closed_form`.
     #[test]
     fn terms_agree_with_the_reference() {
         let (left, right, disparities) = closed_form();

@@ -62,7 +62,7 @@ mod tests {
         Tensor::from_data(TensorData::new(values, shape), &Device::flex())
     }
 
-    /// `oracle.sample_horizontal` on source `0.5 + 0.5 sin(0.7 x + 1.3 y + 2.1 c)`, offset
+    /// Recipe: make_golden.py train/sampler: source `0.5 + 0.5 sin(0.7 x + 1.3 y + 2.1 c)`, offset
     /// `0.45 sin(1.1 x - 0.6 y)`, 4 rows, 6 columns, 2 channels.
     #[test]
     fn agrees_with_the_reference() {

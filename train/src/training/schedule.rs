@@ -114,7 +114,7 @@ mod tests {
 
     #[test]
     fn structured_baseline_equals_the_oracle() {
-        // oracle.baseline_fraction(e) and baseline_fraction(e, 12, 0.2)
+        // Recipe: make_golden.py train/schedule, `baseline`.
         for (epoch, expected) in [(0, 0.1), (1, 0.118), (25, 0.55), (49, 0.982)] {
             assert_relative_eq!(
                 structured_baseline(epoch, 50, 0.1),
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn learning_rate_equals_the_oracle() {
-        // oracle.learning_rate(e)
+        // Recipe: make_golden.py train/schedule, `learning_rate`.
         for (position, expected) in [
             (0.0, 1e-4),
             (24.99, 1e-4),

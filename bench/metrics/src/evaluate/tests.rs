@@ -10,7 +10,7 @@ const HEIGHT: usize = 375;
 const FOCAL_PX: f64 = 721.5377;
 const BASELINE_M: f64 = 0.532_725_428;
 
-/// Plain bilinear resizing in single precision, as `oracle.resize_bilinear` does it.
+/// Plain bilinear resizing in single precision, as `tests/oracle/geometry.py` does it.
 fn resize(source: &[f32], (width, height): (usize, usize)) -> Vec<f32> {
     let taps = |from: usize, to: usize| -> Vec<(usize, usize, f32)> {
         (0..to)
@@ -42,7 +42,7 @@ fn resize(source: &[f32], (width, height): (usize, usize)) -> Vec<f32> {
         .collect()
 }
 
-/// Closed formulas of `oracle.fixtures`: (`pred`, `mirror`), 512 x 256.
+/// Closed formulas of the recipes: plain and mirrored output, 512 x 256.
 fn network_outputs() -> (Vec<f32>, Vec<f32>) {
     let plane = |value: &dyn Fn(f64, f64, f64) -> f64| {
         (0..256 * 512)
@@ -67,7 +67,7 @@ struct Fixture {
     depth_m: Vec<f32>,
 }
 
-/// `pred`, `mirror`, `gt_disp` and `gt_depth` of `oracle.fixtures` at 1242 x 375.
+/// Predictions and ground truth of the recipes at 1242 x 375.
 fn fixture() -> Fixture {
     let (predicted, mirror) = network_outputs();
     let disparity_px: Vec<f32> = (0..HEIGHT * WIDTH)
@@ -109,8 +109,7 @@ fn close(found: Metrics, expected: [f64; 7]) {
     }
 }
 
-/// Expected figures: `python3 oracle.py fixtures OUT.npz`, the keys named beside them. The
-/// oracle has no floor, and the fixture's smallest disparity, 0.0006 of the width, is above it.
+/// Recipe: make_golden.py metrics/eigen. No disparity is below the floor: the smallest is 0.0006.
 #[test]
 fn eigen_figures_of_the_oracle() {
     let fixture = fixture();
@@ -161,7 +160,7 @@ fn eigen_figures_of_the_oracle() {
     }
 }
 
-/// `kitti_metrics` and `kitti_d1` of the same recipe.
+/// Recipe: make_golden.py metrics/kitti.
 #[test]
 fn kitti_figures_of_the_oracle() {
     let fixture = fixture();
@@ -228,10 +227,9 @@ fn distances_add_up_to_the_image() {
     assert!((abs_rel / whole.metrics.abs_rel - 1.0).abs() < 1e-12);
 }
 
-/// Two images under `oracle.category_rmse`: ground truth and prediction `pred` as for
-/// `eval_kitti_image` at f = 721.5377, B = 0.54, limits 1e-3 and 80; labels
-/// (row / 5 + column / 7) % 34 with whole divisions; then prediction `mirror` with the ids
-/// 24 and 25 made 0. Per group: pooled, mean over images, pixels, images.
+/// Recipe: make_golden.py metrics/groups. Two images: the first with labels
+/// (row / 5 + column / 7) % 34, whole divisions; the second predicted by `mirror`, with the ids 24 and
+/// 25 made 0. Per group: pooled, mean over images, pixels, images.
 #[test]
 fn group_errors_of_the_oracle() {
     let fixture = fixture();
@@ -308,7 +306,7 @@ fn group_errors_of_the_oracle() {
     }
 }
 
-/// `postprocessed` of the same recipe (double precision there): row 200 at six columns.
+/// Recipe: make_golden.py metrics/flip, in double precision: row 200 at six columns.
 #[test]
 fn flip_blending_of_the_oracle() {
     let (predicted, mirror) = network_outputs();
