@@ -19,7 +19,7 @@ use strat_store::{
     yaml,
 };
 
-use super::{Asked, DONE, FAILED, TOOL_VERSION, Unrecorded, Usage, asked_files, print, sentence};
+use super::{Asked, DONE, FAILED, TOOL_VERSION, Usage, asked_files, print, sentence};
 use crate::{
     draw::chart,
     draw::side_by_side::{self, Frame, Shown, Synthesis, SynthesisFrame},
@@ -201,8 +201,8 @@ fn protocol_of(
         (None, Content::Pairs | Content::Cityscapes) => vec!["eigen-cameraz-80".to_owned()],
         (None, _) => Vec::new(),
     };
-    let count = write::test_count(set, samples);
-    let plan = write::plan(TableChoice::All, &asked, content, samples, count)?;
+    let count = plan::test_count(set, samples);
+    let plan = plan::plan(TableChoice::All, &asked, content, samples, count)?;
     let found = match &args.protocol {
         Some(_) => plan.protocols.into_iter().next_back(),
         None => plan.protocols.into_iter().next(),
@@ -344,14 +344,7 @@ impl Job<'_> {
         };
         let images = self.chosen.len() as u64;
         let progress = Progress::new(name, images, "images", self.args.quiet);
-        let found = evaluate::evaluate(
-            &task,
-            name,
-            predictor,
-            self.pool,
-            &progress,
-            &mut Unrecorded,
-        );
+        let found = evaluate::evaluate(&task, name, predictor, self.pool, &progress, &mut ());
         progress.finish();
         let found = found.unwrap_or_else(|never| match never {});
         let failures = found.failures.into_iter();
@@ -371,7 +364,7 @@ impl Job<'_> {
         let Some(right) = sample.right_full.as_ref().or(sample.right.as_ref()) else {
             return Ok(None);
         };
-        let left = evaluate::load_image(self.set, sample)?;
+        let left = evaluate::sample::load_image(self.set, sample)?;
         let input = model.description.input.clone();
         let Some(disparity) = model.predict_right(&model::prepare_input(&left, &input))? else {
             return Ok(None);
@@ -424,7 +417,7 @@ impl Job<'_> {
         let lefts: Vec<Option<image::RgbImage>> = self
             .chosen
             .iter()
-            .map(|sample| evaluate::load_image(self.set, sample).ok())
+            .map(|sample| evaluate::sample::load_image(self.set, sample).ok())
             .collect();
         let frames: Vec<SynthesisFrame<'_>> = self
             .chosen

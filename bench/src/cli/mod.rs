@@ -559,8 +559,8 @@ fn run(args: &RunArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
     let asked_saved = asked_files("predictions", &args.predictions, &taken)?;
     let set = PreparedSet::open(&args.data)?;
     let mut samples = set.samples(Role::Test)?;
-    let count = write::test_count(&set, &samples);
-    let plan = write::plan(
+    let count = plan::test_count(&set, &samples);
+    let plan = plan::plan(
         args.table,
         &args.protocols,
         set.manifest.content,
@@ -1028,7 +1028,7 @@ fn predict_all(
         evaluation.rows.extend(before.into_values().flatten());
         let order: Vec<&str> = session.samples.iter().map(|s| s.id.as_str()).collect();
         let names: Vec<&str> = protocols.iter().map(|p| p.name.as_str()).collect();
-        write::sort_rows(&mut evaluation.rows, &[name], &names, &order);
+        record::sort_rows(&mut evaluation.rows, &[name], &names, &order);
     }
     let extremes = extremes(&evaluation.rows, session.args.extremes);
     let again: Vec<Sample> = session
@@ -1047,14 +1047,7 @@ fn predict_all(
             ..task
         };
         let progress = Progress::new(name, again.len() as u64, "pictures", session.args.quiet);
-        let drawn = evaluate::evaluate(
-            &task,
-            name,
-            predictor,
-            &session.pool,
-            &progress,
-            &mut Unrecorded,
-        );
+        let drawn = evaluate::evaluate(&task, name, predictor, &session.pool, &progress, &mut ());
         progress.finish();
         let drawn = drawn.unwrap_or_else(|never| match never {});
         evaluation.comparisons.extend(drawn.comparisons);
@@ -1076,21 +1069,6 @@ fn extremes(rows: &[Row], count: usize) -> BTreeSet<String> {
     });
     let ends = own.iter().take(count).chain(own.iter().rev().take(count));
     ends.map(|row| row.image.clone()).collect()
-}
-
-/// For a second look at images whose rows stand already.
-struct Unrecorded;
-
-impl Observer for Unrecorded {
-    type Error = std::convert::Infallible;
-
-    fn predicted(&mut self, _: &str, _: Option<&Plane>) -> Result<(), Self::Error> {
-        Ok(())
-    }
-
-    fn scored(&mut self, _: &[Row]) -> Result<(), Self::Error> {
-        Ok(())
-    }
 }
 
 /// Writes a predictor's pictures and puts its rows with the others.

@@ -214,10 +214,10 @@ fn candidates(set: &PreparedSet, sample: &Sample) -> Result<Vec<Candidate>, CueE
     let Some(truth) = truth.filter(|_| sample.focal_px > 0.0) else {
         return Ok(Vec::new());
     };
-    let bytes = |file| evaluate::checked_bytes(set, file).map_err(failed);
+    let bytes = |file| evaluate::sample::checked_bytes(set, file).map_err(failed);
     let (width, height, instances) = image_files::decode_gray16(&bytes(file)?, &file.path)?;
     let (depth, _) = exr::decode_depth(&bytes(truth)?, &set.path(truth))?;
-    let picture = evaluate::load_image(set, sample).map_err(failed)?;
+    let picture = evaluate::sample::load_image(set, sample).map_err(failed)?;
     let size = (sample.width as usize, sample.height as usize);
     if (width, height) != size || (depth.width, depth.height) != size {
         return Err(failed(SampleError::Size {

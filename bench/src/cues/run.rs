@@ -104,7 +104,7 @@ pub fn backgrounds(
         if sample.semantic.is_none() {
             return Ok(None);
         }
-        let labels = evaluate::load_labels(set, sample).map_err(failed(sample))?;
+        let labels = evaluate::sample::load_labels(set, sample).map_err(failed(sample))?;
         Ok(Some(path_share(&labels, sample, row_of(sample))))
     };
     let chosen: Vec<(&Sample, Option<f64>)> = if ids.is_empty() {
@@ -152,7 +152,7 @@ pub fn backgrounds(
                 height: sample.height,
             });
         }
-        let image = evaluate::load_image(set, sample).map_err(failed(sample))?;
+        let image = evaluate::sample::load_image(set, sample).map_err(failed(sample))?;
         let focal_px = (sample.focal_px > 0.0).then_some(sample.focal_px);
         let baseline_m = match content {
             Content::Kitti | Content::Eigen => KITTI_BASELINE_M,

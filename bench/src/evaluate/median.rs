@@ -14,7 +14,7 @@ use strat_store::{
     set::{PreparedSet, Sample},
 };
 
-use crate::evaluate::{SampleError, checked_bytes};
+use super::sample::{SampleError, checked_bytes};
 
 /// Name of the row in tables.
 pub const NAME: &str = "Median depth (constant)";

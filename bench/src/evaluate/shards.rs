@@ -21,10 +21,7 @@ use strat_store::{
     yaml,
 };
 
-use crate::{
-    evaluate::Failure,
-    evaluate::write::{self, FAILURES, Outcome, RECORD, ROWS, RunRecord},
-};
+use super::record::{self, FAILURES, Failure, Outcome, RECORD, ROWS, RunRecord};
 
 /// The images of a part with their places in the test list.
 const IMAGES: &str = "images.csv";
@@ -194,7 +191,7 @@ fn joined(parts: Vec<Part>, order: &[String]) -> Option<Outcome> {
     let models: Vec<&str> = record.models.iter().map(|m| m.name.as_str()).collect();
     let protocols: Vec<&str> = record.protocols.iter().map(|p| p.name.as_str()).collect();
     let images: Vec<&str> = order.iter().map(String::as_str).collect();
-    write::sort_rows(&mut whole.rows, &models, &protocols, &images);
+    record::sort_rows(&mut whole.rows, &models, &protocols, &images);
     let places: HashMap<&str, usize> = images.into_iter().zip(0..).collect();
     whole.failures.sort_by_key(|failure| {
         (

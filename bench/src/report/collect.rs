@@ -172,7 +172,7 @@ fn read(folder: &Path, collected: &mut Collected) -> Result<(), String> {
             rows,
         });
     }
-    let file = folder.join(write::ROWS);
+    let file = folder.join(record::ROWS);
     if !file.is_file() {
         return Ok(());
     }
@@ -183,7 +183,7 @@ fn read(folder: &Path, collected: &mut Collected) -> Result<(), String> {
             file.display()
         ));
     }
-    let record_file = folder.join(write::RECORD);
+    let record_file = folder.join(record::RECORD);
     let record: Option<RunRecord> = if record_file.is_file() {
         Some(yaml::load(&record_file).map_err(|error| error.to_string())?)
     } else {

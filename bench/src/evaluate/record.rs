@@ -1,0 +1,175 @@
+//! What a run leaves behind: rows, failures, and `run.yaml`, which says what ran.
+
+use std::{collections::HashMap, path::PathBuf};
+
+use serde::{Deserialize, Serialize};
+use strat_metrics::{Protocol, Row};
+use strat_store::{set::Content, shard::Shard};
+
+/// The file of rows.
+pub const ROWS: &str = "rows.csv";
+
+/// The file of images that failed.
+pub const FAILURES: &str = "failures.csv";
+
+/// The file that says what ran.
+pub const RECORD: &str = "run.yaml";
+
+/// An image without a row, or with fewer rows than protocols.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failure {
+    /// Name of the model.
+    pub model: String,
+    /// Image id.
+    pub image: String,
+    /// A sentence.
+    pub reason: String,
+}
+
+/// What ran, as written to `run.yaml`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct RunRecord {
+    /// The program.
+    pub tool: String,
+    /// Its version.
+    pub tool_version: String,
+    /// The command line, without the program's name.
+    pub arguments: Vec<String>,
+    /// The data.
+    pub data: DataRecord,
+    /// Tables that were asked for.
+    #[serde(default)]
+    pub tables: Vec<String>,
+    /// The part that was measured, where it is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shard: Option<Shard>,
+    /// Device asked for.
+    pub device: String,
+    /// Runtime and version.
+    pub runtime: String,
+    /// Its library, when it has one.
+    pub runtime_library: Option<PathBuf>,
+    /// Threads for decoding and metrics.
+    pub jobs: usize,
+    /// Threads within a model.
+    pub threads: usize,
+    /// The models.
+    pub models: Vec<ModelRecord>,
+    /// The protocols with their digests and full rules.
+    pub protocols: Vec<ProtocolRecord>,
+    /// Everything that was warned about.
+    pub warnings: Vec<String>,
+    /// Images that failed, over all models.
+    pub failures: usize,
+    /// Nothing failed.
+    #[serde(default)]
+    pub complete: bool,
+}
+
+/// The data of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DataRecord {
+    /// The folder as given.
+    pub path: PathBuf,
+    /// Recorded or rendered.
+    pub source: String,
+    /// What the set was made of.
+    pub content: Content,
+    /// Digest of the split's lists, for a split of KITTI.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub split_digest: Option<String>,
+    /// Digest of the prepared set.
+    pub data_digest: String,
+    /// Test images that the split has.
+    pub test_images_expected: u64,
+    /// Test images in the set.
+    pub test_images_found: u64,
+    /// Version of the program that prepared it.
+    pub prepared_by: String,
+}
+
+/// One model of a run.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ModelRecord {
+    /// Name in tables.
+    pub name: String,
+    /// The file; none for the median baseline.
+    pub file: Option<PathBuf>,
+    /// BLAKE3 of the file, or of the baseline's map.
+    pub blake3: String,
+    /// How it is fed and read.
+    pub description: Option<crate::model::Description>,
+    /// What its numbers are, where they were saved and no model ran.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub saved: Option<crate::evaluate::predictions::SavedDescription>,
+    /// What its trainer says about it.
+    pub metadata: Option<strat_onnx::metadata::ModelMetadata>,
+    /// Number of weights.
+    pub parameters: Option<u64>,
+    /// Runtime and version.
+    pub runtime: String,
+    /// The provider that the graph's nodes were really given to.
+    pub provider: String,
+    /// Largest difference to the trainer's own output for the probe image.
+    pub probe_max_difference: Option<f32>,
+    /// Images with at least one row.
+    pub images: usize,
+    /// Wall-clock time of the whole prediction path, decoding and metrics included.
+    pub seconds: f64,
+    /// A sentence where more is to be said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+}
+
+/// One protocol of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ProtocolRecord {
+    /// Name.
+    pub name: String,
+    /// Digest of the rules.
+    pub digest: String,
+    /// The rules.
+    pub rules: Protocol,
+}
+
+impl ProtocolRecord {
+    /// Takes a protocol down.
+    #[must_use]
+    pub fn new(protocol: &Protocol) -> Self {
+        Self {
+            name: protocol.name.clone(),
+            digest: protocol.digest(),
+            rules: protocol.clone(),
+        }
+    }
+}
+
+/// What a run, or a part of one, has found.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// What ran.
+    pub record: RunRecord,
+    /// Rows in the order model, protocol, image, group.
+    pub rows: Vec<Row>,
+    /// What failed, in the order model, image.
+    pub failures: Vec<Failure>,
+}
+
+/// Brings rows into the order model, protocol, image; rows of one image under one protocol keep
+/// theirs. What is in none of the lists comes last.
+pub fn sort_rows(rows: &mut [Row], models: &[&str], protocols: &[&str], images: &[&str]) {
+    let places = |names: &[&str]| -> HashMap<String, usize> {
+        names.iter().map(|&name| name.to_owned()).zip(0..).collect()
+    };
+    let (models, protocols, images) = (places(models), places(protocols), places(images));
+    let place = |places: &HashMap<String, usize>, name: &str| {
+        places.get(name).copied().unwrap_or(usize::MAX)
+    };
+    rows.sort_by_key(|row| {
+        (
+            place(&models, &row.context.model),
+            place(&protocols, &row.context.protocol),
+            place(&images, &row.image),
+        )
+    });
+}

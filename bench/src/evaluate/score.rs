@@ -1,0 +1,327 @@
+//! One prediction under all protocols: resizing, the protocol's camera, the metrics.
+//!
+//! Not here: what a metric is ([`strat_metrics`]) and how files become ground truth
+//! ([`super::sample`]).
+
+use image::RgbImage;
+use strat_metrics::{
+    Camera, GroundTruth, GroundTruthKind, ImageScore, PostProcessing, Protocol, Resize, RowContext,
+};
+use strat_onnx::metadata::OutputMeaning;
+use strat_store::{
+    raster::Plane,
+    resize,
+    set::{PreparedSet, Sample},
+};
+
+use super::sample::{SampleError, Scene, Truth};
+
+/// The median that inverse depth of unknown scale is brought to, as a disparity fraction: a
+/// typical value, so that the protocol's disparity floor means what it means for other models.
+/// Median scaling makes the choice irrelevant for the figures.
+const TYPICAL_DISPARITY_FRACTION: f32 = 0.03;
+
+/// Everything needed to draw one comparison.
+#[derive(Clone, Debug)]
+pub struct Comparison {
+    /// Image id.
+    pub image: String,
+    /// The left image at full resolution.
+    pub input: RgbImage,
+    /// Predicted disparity as a fraction of image width, at the size of the image.
+    pub predicted: Plane,
+    /// True disparity as a fraction of image width, 0 = none.
+    pub truth: Plane,
+    /// Depth in metres at a disparity of the whole width, by the first protocol's camera.
+    pub depth_at_width_m: f32,
+    /// Where the first protocol scales by medians: the true depths in metres between which it
+    /// takes them.
+    pub median_within_m: Option<(f32, f32)>,
+}
+
+/// A prediction at network size.
+#[derive(Clone, Debug)]
+pub(super) enum Prediction {
+    /// Disparity as a fraction of image width.
+    DisparityFraction(Plane),
+    /// Inverse depth in 1/m.
+    InverseDepthPerM(Plane),
+    /// Depth in metres, resized as depth: the form a model of depth gives.
+    DepthM(Plane),
+    /// Depth in metres of a baseline; becomes the disparity of each image's camera first.
+    ConstantDepthM(Plane),
+}
+
+impl Prediction {
+    /// Brings numbers of depth into one of the forms that can be scored. `input_width` is what
+    /// disparity in pixels is relative to.
+    pub(super) fn new(mut plane: Plane, meaning: OutputMeaning, input_width: f32) -> Self {
+        match meaning {
+            OutputMeaning::DisparityFraction => Self::DisparityFraction(plane),
+            OutputMeaning::DisparityPx => {
+                for value in &mut plane.data {
+                    *value /= input_width;
+                }
+                Self::DisparityFraction(plane)
+            }
+            OutputMeaning::InverseDepth => {
+                let mut values: Vec<f64> = plane.data.iter().copied().map(f64::from).collect();
+                let median = strat_metrics::median(&mut values).unwrap_or(0.0) as f32;
+                // A map without a positive median is scored as it is and fails on its own merits.
+                if median > 0.0 {
+                    for value in &mut plane.data {
+                        *value *= TYPICAL_DISPARITY_FRACTION / median;
+                    }
+                }
+                Self::DisparityFraction(plane)
+            }
+            OutputMeaning::InverseDepthPerM => Self::InverseDepthPerM(plane),
+            OutputMeaning::DepthM => Self::DepthM(plane),
+        }
+    }
+
+    /// The map at another size, where it does not depend on a protocol's camera.
+    fn resized(&self, width: usize, height: usize) -> Option<Plane> {
+        match self {
+            Self::DisparityFraction(plane)
+            | Self::InverseDepthPerM(plane)
+            | Self::DepthM(plane) => Some(resize::bilinear_f32(plane, width, height)),
+            Self::ConstantDepthM(_) => None,
+        }
+    }
+}
+
+/// A prediction on its way to the metrics.
+pub(super) struct Predicted {
+    pub(super) plain: Prediction,
+    /// Blended with the prediction for the mirrored image, where a protocol asks for it.
+    pub(super) flipped: Option<Prediction>,
+    /// The image, where a picture is wanted.
+    pub(super) image: Option<RgbImage>,
+}
+
+/// The scores of one image.
+pub(super) struct Scored {
+    /// By protocol, in the order in which they were given.
+    pub(super) scores: Vec<Result<Vec<ImageScore>, SampleError>>,
+    pub(super) comparison: Option<Comparison>,
+}
+
+/// Scores one prediction under all protocols.
+pub(super) fn score(
+    set: &PreparedSet,
+    protocols: &[(Protocol, RowContext)],
+    sample: &Sample,
+    predicted: Predicted,
+) -> Scored {
+    let (width, height) = (sample.width as usize, sample.height as usize);
+    let Predicted {
+        plain,
+        flipped,
+        image,
+    } = predicted;
+    // Most predictions do not depend on the protocol's camera, so they are resized once.
+    let at_image_size = |prediction: Prediction| {
+        let resized = prediction.resized(width, height);
+        (prediction, resized)
+    };
+    let plain = at_image_size(plain);
+    let flipped = flipped.map(at_image_size);
+    let mut scene = Scene::new(set, sample);
+    let mut comparison = None;
+    let mut score_under = |protocol: &Protocol| {
+        // 45 of the 697 images were never given such depth: no failure, the protocol is about the
+        // other 652 (PROTOCOL 1.2).
+        if protocol.ground_truth == GroundTruthKind::Annotated && sample.depth_annotated.is_none() {
+            return Ok(Vec::new());
+        }
+        // What one protocol lacks does not cost the others their rows.
+        let (truth, labels) = scene.needed_by(protocol)?;
+        let (prediction, shared) = match (&flipped, protocol.post_processing) {
+            (Some(flipped), PostProcessing::Flip) => flipped,
+            _ => &plain,
+        };
+        let camera = Seen::by(protocol, truth, sample);
+        let compared = compared(
+            protocol,
+            truth,
+            sample,
+            &camera,
+            prediction,
+            shared.as_ref(),
+        );
+        let compared = compared.as_ref();
+        let gives_depth = matches!(prediction, Prediction::DepthM(_));
+        if comparison.is_none()
+            && let Some(input) = &image
+        {
+            comparison =
+                Some(camera.comparison(protocol, truth, sample, input, compared, gives_depth));
+        }
+        let truth = GroundTruth {
+            width: truth.depth.width,
+            height: truth.depth.height,
+            depth_m: &truth.depth.data,
+            disparity_px: truth.disparity_px.as_deref(),
+            focal_px: camera.focal_px,
+            baseline_m: camera.baseline_m,
+            labels,
+            measured: Some(&truth.measured),
+        };
+        let result = if gives_depth {
+            strat_metrics::evaluate_depth(protocol, &truth, &compared.data)
+        } else {
+            strat_metrics::evaluate(protocol, &truth, &compared.data)
+        };
+        result.map_err(|source| SampleError::Evaluate {
+            protocol: protocol.name.clone(),
+            source,
+        })
+    };
+    let protocols = protocols.iter();
+    Scored {
+        scores: protocols
+            .map(|(protocol, _)| score_under(protocol))
+            .collect(),
+        comparison,
+    }
+}
+
+/// The prediction in the numbers and at the size of the ground truth. `shared` is its map at the
+/// size of the image.
+fn compared<'a>(
+    protocol: &Protocol,
+    truth: &Truth,
+    sample: &Sample,
+    camera: &Seen,
+    prediction: &Prediction,
+    shared: Option<&'a Plane>,
+) -> std::borrow::Cow<'a, Plane> {
+    use std::borrow::Cow;
+    let (width, height) = (truth.depth.width, truth.depth.height);
+    let to_truth = |plane: &Plane| match protocol.resize {
+        Resize::DisparityBilinear => resize::bilinear_f32(plane, width, height),
+        Resize::DepthNearest => nearest(plane, width, height),
+    };
+    let as_shared = protocol.resize == Resize::DisparityBilinear
+        && (width, height) == (sample.width as usize, sample.height as usize);
+    let resized = match (shared, prediction) {
+        (Some(plane), _) if as_shared => Cow::Borrowed(plane),
+        (_, Prediction::ConstantDepthM(plane)) => {
+            Cow::Owned(to_truth(&reciprocal(plane, camera.depth_at_width_m)))
+        }
+        (
+            _,
+            Prediction::DisparityFraction(plane)
+            | Prediction::InverseDepthPerM(plane)
+            | Prediction::DepthM(plane),
+        ) => Cow::Owned(to_truth(plane)),
+    };
+    if !matches!(prediction, Prediction::InverseDepthPerM(_)) {
+        return resized;
+    }
+    // Inverse depth in metres becomes disparity with whatever camera the protocol assumes.
+    let values = resized.data.iter();
+    Cow::Owned(Plane {
+        data: values
+            .map(|value| value * camera.depth_at_width_m)
+            .collect(),
+        ..*resized
+    })
+}
+
+/// The camera with which a protocol sees an image.
+struct Seen {
+    focal_px: f64,
+    baseline_m: f64,
+    /// Depth in metres to disparity as a fraction of image width and back.
+    depth_at_width_m: f32,
+}
+
+impl Seen {
+    fn by(protocol: &Protocol, truth: &Truth, sample: &Sample) -> Self {
+        let width = f64::from(sample.width);
+        let (focal_px, baseline_m) = match protocol.camera {
+            Camera::Nominal { baseline_m } => (truth.nominal_focal_px, baseline_m),
+            Camera::Calibrated => (sample.focal_px, sample.baseline_m),
+            Camera::Agreed {
+                focal_fraction,
+                baseline_m,
+            } => (focal_fraction * width, baseline_m),
+            Camera::Unknown => (width, 1.0),
+        };
+        Self {
+            focal_px,
+            baseline_m,
+            depth_at_width_m: (focal_px * baseline_m / width) as f32,
+        }
+    }
+
+    /// What a picture shows.
+    fn comparison(
+        &self,
+        protocol: &Protocol,
+        truth: &Truth,
+        sample: &Sample,
+        input: &RgbImage,
+        compared: &Plane,
+        gives_depth: bool,
+    ) -> Comparison {
+        let mut predicted = if gives_depth {
+            reciprocal(compared, self.depth_at_width_m)
+        } else {
+            compared.clone()
+        };
+        let mut true_disparity = reciprocal(&truth.depth, self.depth_at_width_m);
+        let (width, height) = (sample.width as usize, sample.height as usize);
+        // A laser's grid is coarser than the image.
+        if (truth.depth.width, truth.depth.height) != (width, height) {
+            predicted = resize::bilinear_f32(&predicted, width, height);
+            true_disparity = nearest(&true_disparity, width, height);
+        }
+        let within = if protocol.mask_ground_truth {
+            (protocol.min_depth_m as f32, protocol.max_depth_m as f32)
+        } else {
+            (0.0, f32::INFINITY)
+        };
+        Comparison {
+            image: sample.id.clone(),
+            input: input.clone(),
+            predicted,
+            truth: true_disparity,
+            depth_at_width_m: self.depth_at_width_m,
+            median_within_m: protocol.median_scaling.then_some(within),
+        }
+    }
+}
+
+/// The nearest sample for the centre of each pixel of another size.
+fn nearest(source: &Plane, width: usize, height: usize) -> Plane {
+    // (i + 1/2) * from / to, rounded down, in whole numbers.
+    let index = |i: usize, from: usize, to: usize| ((2 * i + 1) * from / (2 * to)).min(from - 1);
+    let mut data = Vec::with_capacity(width * height);
+    for row in 0..height {
+        let start = index(row, source.height, height) * source.width;
+        data.extend(
+            (0..width).map(|column| source.data[start + index(column, source.width, width)]),
+        );
+    }
+    Plane {
+        width,
+        height,
+        data,
+    }
+}
+
+/// Depth to disparity or back: `factor / value`, where 0 stays 0 (no measurement).
+fn reciprocal(plane: &Plane, factor: f32) -> Plane {
+    Plane {
+        width: plane.width,
+        height: plane.height,
+        data: plane
+            .data
+            .iter()
+            .map(|&value| if value > 0.0 { factor / value } else { 0.0 })
+            .collect(),
+    }
+}
