@@ -9,7 +9,7 @@
 //!
 //! This is the only crate that knows ONNX Runtime. Metrics, protocols and the contents of tables
 //! are defined in `strat-metrics`, files of a prepared set in `strat-store`. Nothing is fetched
-//! from a network except by [`runtime::setup`].
+//! from a network except by [`runtime::install`].
 
 pub mod cli;
 pub mod cues;
@@ -17,10 +17,9 @@ pub mod draw;
 pub mod evaluate;
 pub mod latency;
 pub mod model;
+mod notes;
 pub mod protocol_file;
 pub mod quantity;
 pub mod report;
 pub mod rows;
 pub mod runtime;
-
-pub use runtime::ffi::CudaUnavailable;

@@ -13,7 +13,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::Parser;
-use strat_bench::runtime::setup::{Availability, ensure_runtime};
+use strat_bench::runtime::install::{Availability, ensure_runtime};
 use strat_tests::steps::Plan;
 
 /// Renders a street world, prepares it, trains, exports and evaluates.

@@ -11,12 +11,13 @@ use serde::Serialize;
 use strat_metrics::statistics::Bootstrap;
 use strat_splits::Role;
 use strat_store::{
+    command::{CliError, DONE, FAILED, error_chain, print},
     files,
     progress::Progress,
     set::{Content, PreparedSet},
 };
 
-use super::{Asked, DONE, FAILED, Usage, asked_files, print, slug};
+use super::args::{RuntimeArgs, ThreadArgs, named_files};
 use crate::{
     cues::{
         cutouts,
@@ -29,9 +30,12 @@ use crate::{
         summary::{self, Summary},
     },
     draw::chart,
-    model::leakage::{self, Leakage},
-    model::{Description, Model, PROBE_TOLERANCE},
-    runtime::{Device, Runtime, RuntimeChoice},
+    evaluate::{
+        NamedFile,
+        record::{TOOL_VERSION, slug},
+    },
+    model::{Description, Model, vet::vet},
+    runtime::Runtime,
 };
 
 /// File names of a run beside the rows.
@@ -97,21 +101,13 @@ pub(super) struct CuesArgs {
     /// Row of the horizon in all backgrounds [default: the camera's of KITTI, else the middle]
     #[arg(long, value_name = "ROW")]
     horizon_row: Option<f64>,
-    /// Where the model runs: cpu, cuda, cuda:1, tensorrt, coreml or directml (see `bench devices`)
-    #[arg(long, default_value_t)]
-    device: Device,
-    /// Inference library; `auto` is ONNX Runtime when it is there, else the embedded one
-    #[arg(long, value_enum, default_value_t)]
-    runtime: RuntimeChoice,
-    /// Threads for compositing and measuring, and for the model [default: all cores]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    jobs: Option<u16>,
+    #[command(flatten)]
+    runtime: RuntimeArgs,
+    #[command(flatten)]
+    threads: ThreadArgs,
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
-    /// No progress and no notes; warnings and errors still show
-    #[arg(long)]
-    quiet: bool,
 }
 
 /// What ran; written beside the rows.
@@ -190,11 +186,12 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
         return render(args, folder);
     }
     let (Some(data), Some(out)) = (&args.data, &args.out) else {
-        return Err(
-            Usage("`bench cues` needs --data, --model and --out, or --render".to_owned()).into(),
-        );
+        return Err(CliError::Usage(
+            "`bench cues` needs --data, --model and --out, or --render".to_owned(),
+        )
+        .into());
     };
-    let asked = asked_files("model", &args.models, &[])?;
+    let asked = named_files("model", &args.models, &[])?;
     let set = PreparedSet::open(data)?;
     let (all, source) = match &args.sprites {
         Some(folder) => (
@@ -204,11 +201,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
         None => (sprites::embedded()?, PathBuf::from("the embedded sprites")),
     };
     let cast = Cast::choose(all, args.view, &source)?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(args.jobs.map_or(0, usize::from))
-        .thread_name(|index| format!("bench-{index}"))
-        .build()
-        .context("the worker threads could not be started")?;
+    let pool = args.threads.pool()?;
     let backgrounds = run::backgrounds(
         &set,
         &args.frames,
@@ -228,10 +221,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
         scales: args.scales,
     };
     let jobs = experiments::jobs(plan, &cast, &grounds)?;
-    let (runtime, notice) = Runtime::resolve(args.runtime, args.device)?;
-    if let Some(notice) = notice {
-        eprintln!("note: {notice}");
-    }
+    let runtime = args.runtime.resolve()?;
     files::check_writable(out)?;
     let session = Session {
         args,
@@ -249,7 +239,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
 
 impl Session<'_> {
     fn note(&self, text: &str) {
-        if !self.args.quiet {
+        if !self.args.runtime.quiet {
             eprintln!("{text}");
         }
     }
@@ -264,7 +254,7 @@ impl Session<'_> {
             self.backgrounds.len(),
             self.composites(),
             self.runtime,
-            self.args.device
+            self.args.runtime.device
         ));
         let content = self.set.manifest.content;
         let known = self.args.horizon_row.is_some()
@@ -295,7 +285,12 @@ impl Session<'_> {
         }
     }
 
-    fn evaluate(&self, data: &Path, asked: &[Asked], arguments: Vec<String>) -> anyhow::Result<u8> {
+    fn evaluate(
+        &self,
+        data: &Path,
+        asked: &[NamedFile],
+        arguments: Vec<String>,
+    ) -> anyhow::Result<u8> {
         let mut all_rows: Vec<CueRow> = Vec::new();
         let mut records = Vec::new();
         let mut failures: Vec<(String, run::Failure)> = Vec::new();
@@ -327,7 +322,11 @@ impl Session<'_> {
                     write_figures(self.out, &model.name, &sheets, SHEET_ZOOM)?;
                 }
                 Err(error) => {
-                    eprintln!("error: model {}: {}", model.name, super::sentence(&error));
+                    eprintln!(
+                        "error: model {}: {}",
+                        model.name,
+                        error_chain(error.as_ref())
+                    );
                     incomplete = true;
                 }
             }
@@ -342,7 +341,7 @@ impl Session<'_> {
             })
             .collect();
         if !lines.is_empty() {
-            write_csv(&self.out.join(FAILURES), &lines)?;
+            files::write_csv(&self.out.join(FAILURES), &lines)?;
         }
         if all_rows.is_empty() {
             eprintln!("error: nothing could be measured, so there is no summary");
@@ -367,35 +366,22 @@ impl Session<'_> {
     }
 
     /// One model through all composites.
-    fn ask(&self, asked: &Asked) -> anyhow::Result<(ModelRecord, Outcome, Vec<Figure>)> {
-        let threads = self.pool.current_num_threads();
+    fn ask(&self, asked: &NamedFile) -> anyhow::Result<(ModelRecord, Outcome, Vec<Figure>)> {
+        let threads = self.args.threads.within_model(&self.pool);
         let mut model = Model::open(
             &asked.name,
             &asked.file,
             &self.runtime,
-            self.args.device,
+            self.args.runtime.device,
             threads,
         )?;
-        let mut warnings = Vec::new();
-        if let Some(result) = model.probe()?.filter(|result| !result.passes()) {
-            warnings.push(format!(
-                "PROBE FAILED: model {} on {} differs from the trainer's own output by {:.1e} \
-                 (more than {PROBE_TOLERANCE:.0e}); do not trust the figures",
-                model.name,
-                model.provider(),
-                result.max_difference
-            ));
-        }
         let samples = self.set.samples(Role::Test)?;
         let content = self.set.manifest.content;
-        if let Leakage::Drives { .. } | Leakage::OtherSplit { .. } =
-            leakage::check(model.file.info.metadata(), content, &samples)
-        {
-            warnings.push(format!(
-                "LEAKAGE: model {} was trained on drives that the backgrounds may come from",
-                model.name
-            ));
+        let vetting = vet(&mut model, Some((content, &samples)))?;
+        for note in &vetting.notes {
+            self.note(&format!("note: {note}"));
         }
+        let warnings = vetting.warnings;
         for warning in &warnings {
             eprintln!("warning: {warning}");
         }
@@ -404,7 +390,7 @@ impl Session<'_> {
             &asked.name,
             self.composites() as u64,
             "composites",
-            self.args.quiet,
+            self.args.runtime.quiet,
         );
         let outcome = run::run(
             &mut model,
@@ -440,7 +426,7 @@ impl Session<'_> {
             description: model.description.clone(),
             runtime: model.runtime().to_owned(),
             provider: model.provider().to_owned(),
-            device: self.args.device.to_string(),
+            device: self.args.runtime.device.to_string(),
             rows: outcome.rows.len(),
             failures: outcome.failures.len(),
             seconds: round(outcome.wall),
@@ -459,7 +445,7 @@ impl Session<'_> {
         let manifest = &self.set.manifest;
         let record = Record {
             tool: "bench cues",
-            tool_version: super::TOOL_VERSION,
+            tool_version: TOOL_VERSION,
             arguments,
             data: data.to_path_buf(),
             data_digest: manifest.data_digest.clone(),
@@ -503,7 +489,7 @@ fn round(time: Duration) -> f64 {
 fn render(args: &CuesArgs, folder: &Path) -> anyhow::Result<u8> {
     let rows = rows::read(folder)?;
     write_results(folder, &rows, args.json)?;
-    if !args.quiet {
+    if !args.runtime.quiet {
         eprintln!(
             "figures and summary of {} are drawn anew; sheets of pictures stay",
             folder.display()
@@ -515,17 +501,18 @@ fn render(args: &CuesArgs, folder: &Path) -> anyhow::Result<u8> {
 /// Summary and curves from rows alone.
 fn write_results(out: &Path, rows: &[CueRow], json: bool) -> anyhow::Result<()> {
     let summary = summary::summarise(rows, &Bootstrap::default());
-    write_csv(&out.join(VERDICTS), &summary.findings)?;
-    write_csv(&out.join(STATISTICS), &summary.statistics)?;
+    files::write_csv(&out.join(VERDICTS), &summary.findings)?;
+    files::write_csv(&out.join(STATISTICS), &summary.statistics)?;
     files::write_atomic(&out.join(MARKDOWN), summary.markdown().as_bytes())?;
     for name in summary::distinct(rows.iter().map(|row| row.model.as_str())) {
         write_figures(out, name, &figures::curves(name, rows), CHART_ZOOM)?;
     }
-    print(&if json {
+    print(if json {
         to_json(&summary)?
     } else {
         summary.text()
-    })
+    })?;
+    Ok(())
 }
 
 fn to_json(summary: &Summary) -> anyhow::Result<String> {
@@ -540,17 +527,6 @@ fn write_figures(out: &Path, model: &str, figures: &[Figure], zoom: f32) -> anyh
         files::write_atomic(&folder.join(format!("{name}.png")), &png)?;
     }
     Ok(())
-}
-
-fn write_csv<T: Serialize>(path: &Path, lines: &[T]) -> anyhow::Result<()> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    for line in lines {
-        writer.serialize(line)?;
-    }
-    let bytes = writer
-        .into_inner()
-        .map_err(csv::IntoInnerError::into_error)?;
-    Ok(files::write_atomic(path, &bytes)?)
 }
 
 #[derive(Debug, Args)]
@@ -579,7 +555,7 @@ pub(super) fn cut(args: &SpritesArgs) -> anyhow::Result<u8> {
         .iter()
         .map(|path| format!("{}\n", path.display()))
         .collect();
-    print(&lines)?;
+    print(lines)?;
     for failure in &found.failures {
         eprintln!("error: {failure}");
     }

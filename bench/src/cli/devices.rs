@@ -2,8 +2,8 @@
 
 use anyhow::Context as _;
 use clap::Args;
+use strat_store::command::{DONE, print};
 
-use super::{DONE, print};
 use crate::runtime::inventory::Report;
 
 #[derive(Debug, Args)]
@@ -21,6 +21,6 @@ pub(super) fn run(args: &DevicesArgs) -> anyhow::Result<u8> {
     } else {
         report.text()
     };
-    print(&text)?;
+    print(text)?;
     Ok(DONE)
 }

@@ -12,6 +12,7 @@ use strat_metrics::{Protocol, Row, RowContext, Suffix};
 use strat_onnx::metadata::OutputMeaning;
 use strat_splits::Role;
 use strat_store::{
+    command::{CliError, DONE, FAILED, error_chain, print},
     files, image_files,
     progress::Progress,
     resize,
@@ -19,16 +20,19 @@ use strat_store::{
     yaml,
 };
 
-use super::{Asked, DONE, FAILED, TOOL_VERSION, Usage, asked_files, print, sentence};
+use super::args::{RuntimeArgs, ThreadArgs, named_files};
 use crate::{
     draw::chart,
     draw::side_by_side::{self, Frame, Shown, Synthesis, SynthesisFrame},
     evaluate::predictions::SavedPredictions,
-    evaluate::write::{self, TableChoice},
-    evaluate::{self, Comparison, Predictor, Task},
-    model::{self, Model},
+    evaluate::{
+        self, Comparison, NamedFile, Predictor, Task,
+        plan::{self, TableChoice},
+        record::TOOL_VERSION,
+    },
+    model::{self, Model, vet::vet},
     rows::compare,
-    runtime::{Device, Runtime, RuntimeChoice},
+    runtime::Runtime,
 };
 
 /// PNG pixels for each unit of the SVG.
@@ -71,15 +75,10 @@ pub(super) struct FiguresArgs {
     /// Protocol whose ground truth and camera are used [default: that of the set's first table]
     #[arg(long, value_name = "NAME|FILE.yaml")]
     protocol: Option<String>,
-    /// Where the models run: cpu, cuda, cuda:1, tensorrt, coreml or directml (see `bench devices`)
-    #[arg(long, default_value_t)]
-    device: Device,
-    /// Inference library; `auto` is ONNX Runtime when it is there, else the embedded one
-    #[arg(long, value_enum, default_value_t)]
-    runtime: RuntimeChoice,
-    /// No progress and no notes; warnings and errors still show
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    runtime: RuntimeArgs,
+    #[command(flatten)]
+    threads: ThreadArgs,
 }
 
 /// What was drawn; written beside the figures.
@@ -112,23 +111,24 @@ struct Drawn {
 }
 
 pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
-    let asked = asked_files("model", &args.models, &[])?;
+    let asked = named_files("model", &args.models, &[])?;
     let taken: Vec<&str> = asked.iter().map(|asked| asked.name.as_str()).collect();
-    let asked_saved = asked_files("predictions", &args.predictions, &taken)?;
+    let asked_saved = named_files("predictions", &args.predictions, &taken)?;
     if asked.is_empty() && asked_saved.is_empty() {
-        return Err(Usage("nothing to draw: give `--model` or `--predictions`".to_owned()).into());
+        return Err(CliError::Usage(
+            "nothing to draw: give `--model` or `--predictions`".to_owned(),
+        )
+        .into());
     }
     if args.rows.is_some() && args.worst + args.best == 0 {
-        return Err(Usage("`--rows` needs `--worst N` or `--best N`".to_owned()).into());
+        return Err(CliError::Usage("`--rows` needs `--worst N` or `--best N`".to_owned()).into());
     }
     let set = PreparedSet::open(&args.data)?;
     let samples = set.samples(Role::Test)?;
     let protocol = protocol_of(args, &set, &samples)?;
     let chosen = choose(args, &samples)?;
     files::check_writable(&args.out)?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .build()
-        .context("the worker threads could not be started")?;
+    let pool = args.threads.pool()?;
     let job = Job {
         args,
         set: &set,
@@ -142,15 +142,12 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
     let mut keep = |name: &str, result: anyhow::Result<Drawn>| match result {
         Ok(found) => drawn.push(found),
         Err(error) => {
-            eprintln!("error: {name}: {}", sentence(&error));
+            eprintln!("error: {name}: {}", error_chain(error.as_ref()));
             failed = true;
         }
     };
     if !asked.is_empty() {
-        let (runtime, notice) = Runtime::resolve(args.runtime, args.device)?;
-        if let Some(notice) = notice {
-            eprintln!("note: {notice}");
-        }
+        let runtime = args.runtime.resolve()?;
         for asked in &asked {
             keep(&asked.name, job.of_model(asked, &runtime));
         }
@@ -185,7 +182,7 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
         .iter()
         .map(|name| format!("{}\n", args.out.join(format!("{name}.svg")).display()))
         .collect();
-    print(&lines.concat())?;
+    print(lines.concat())?;
     Ok(if failed { FAILED } else { DONE })
 }
 
@@ -279,9 +276,14 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    fn of_model(&self, asked: &Asked, runtime: &Runtime) -> anyhow::Result<Drawn> {
-        let threads = self.pool.current_num_threads();
-        let mut model = Model::open(&asked.name, &asked.file, runtime, self.args.device, threads)?;
+    fn of_model(&self, asked: &NamedFile, runtime: &Runtime) -> anyhow::Result<Drawn> {
+        let threads = self.args.threads.within_model(self.pool);
+        let device = self.args.runtime.device;
+        let mut model = Model::open(&asked.name, &asked.file, runtime, device, threads)?;
+        let vetting = vet(&mut model, Some((self.set.manifest.content, self.samples)))?;
+        for warning in &vetting.warnings {
+            eprintln!("warning: {warning}");
+        }
         let meaning = model.description.output.meaning();
         let comparisons = self.compare(&asked.name, &mut Predictor::Model(&mut model), meaning);
         let mut syntheses = HashMap::new();
@@ -293,7 +295,7 @@ impl Job<'_> {
                 }
                 // A model that fails is named once, by its comparison.
                 Err(error) => {
-                    syntheses.insert(sample.id.clone(), Err(sentence(&error)));
+                    syntheses.insert(sample.id.clone(), Err(error_chain(error.as_ref())));
                 }
             }
         }
@@ -308,7 +310,7 @@ impl Job<'_> {
         })
     }
 
-    fn of_saved(&self, asked: &Asked) -> anyhow::Result<Drawn> {
+    fn of_saved(&self, asked: &NamedFile) -> anyhow::Result<Drawn> {
         let content = self.set.manifest.content;
         let saved = SavedPredictions::open(&asked.name, &asked.file, content, self.samples)?;
         let meaning = saved.meaning();
@@ -343,7 +345,7 @@ impl Job<'_> {
             pictures: &pictures,
         };
         let images = self.chosen.len() as u64;
-        let progress = Progress::new(name, images, "images", self.args.quiet);
+        let progress = Progress::new(name, images, "images", self.args.runtime.quiet);
         let found = evaluate::evaluate(&task, name, predictor, self.pool, &progress, &mut ());
         progress.finish();
         let found = found.unwrap_or_else(|never| match never {});
@@ -406,7 +408,7 @@ impl Job<'_> {
             .filter(|one| !one.syntheses.is_empty())
             .collect();
         if able.is_empty() {
-            if !self.args.quiet {
+            if !self.args.runtime.quiet {
                 eprintln!(
                     "note: no model gives the disparity of the right view for a set with right \
                      views, so there is no sheet of synthesized views"

@@ -5,17 +5,26 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use clap::Args;
 use strat_splits::Role;
-use strat_store::{files, progress::Progress, set::PreparedSet};
+use strat_store::{
+    command::{CliError, DONE, FAILED, error_chain, print},
+    files,
+    progress::Progress,
+    set::PreparedSet,
+};
 
-use super::{DONE, FAILED, Usage, asked_files, predict::images_below, print};
+use super::{
+    args::{RuntimeArgs, named_files},
+    predict::images_below,
+};
 use crate::{
+    evaluate::record::TOOL_VERSION,
     latency::{
         self, Bench, FORMAT, LatencyRow, Least, MOST_IMAGES, Measured, Scenario, Shot, Stage,
     },
-    model::{Model, PROBE_TOLERANCE},
+    model::{Model, vet::vet},
     quantity::Rig,
     runtime::inventory::{self, Processor},
-    runtime::{Device, Runtime, RuntimeChoice},
+    runtime::{Runtime, placement_text},
 };
 
 #[derive(Debug, Args)]
@@ -60,15 +69,8 @@ pub(super) struct LatencyArgs {
     #[arg(long, value_name = "N", default_value_t = Least::default().queries,
           value_parser = clap::value_parser!(u64).range(1..))]
     queries: u64,
-    /// Where the model runs: cpu, cuda, cuda:1, tensorrt, coreml or directml (see `bench devices`)
-    #[arg(long, default_value_t)]
-    device: Device,
-    /// Inference library; `auto` is ONNX Runtime when it is there, else the embedded one
-    #[arg(long, value_enum, default_value_t)]
-    runtime: RuntimeChoice,
-    /// No progress and no notes; warnings and errors still show
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    runtime: RuntimeArgs,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -90,14 +92,14 @@ struct Run<'a> {
 
 impl Run<'_> {
     fn note(&self, text: &str) {
-        if !self.args.quiet {
+        if !self.args.runtime.quiet {
             eprintln!("note: {text}");
         }
     }
 }
 
 pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
-    let asked = asked_files("model", &args.models, &[])?;
+    let asked = named_files("model", &args.models, &[])?;
     let shots = shots(args)?;
     files::check_writable(&args.out)?;
     let processor = inventory::processor();
@@ -106,10 +108,7 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
     } else {
         distinct(&args.threads)
     };
-    let (runtime, notice) = Runtime::resolve(args.runtime, args.device)?;
-    if let Some(notice) = notice {
-        eprintln!("note: {notice}");
-    }
+    let runtime = args.runtime.resolve()?;
     let run = Run {
         args,
         runtime,
@@ -122,7 +121,7 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
         "{} images, {runtime}, device {}, {} ({} threads); each measurement takes at least {} s and \
          {} queries after {} for warming up",
         run.shots.len(),
-        args.device,
+        args.runtime.device,
         run.processor.model,
         run.processor.threads,
         args.seconds,
@@ -135,7 +134,11 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
     let (mut rows, mut failed) = (Vec::new(), false);
     for asked in &asked {
         if let Err(error) = time_model(&run, &asked.name, &asked.file, &mut rows, &mut failed) {
-            eprintln!("error: model {}: {}", asked.name, super::sentence(&error));
+            eprintln!(
+                "error: model {}: {}",
+                asked.name,
+                error_chain(error.as_ref())
+            );
             failed = true;
         }
     }
@@ -145,8 +148,8 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
     }
     let path = args.out.join("latency.csv");
     files::write_atomic_with(&path, |out| latency::write_rows(&rows, out))?;
-    print(&table(&rows))?;
-    if !args.quiet {
+    print(table(&rows))?;
+    if !args.runtime.quiet {
         eprintln!("rows are in {}", path.display());
     }
     Ok(if failed { FAILED } else { DONE })
@@ -190,7 +193,7 @@ fn shots(args: &LatencyArgs) -> anyhow::Result<Vec<Shot>> {
     };
     if all.is_empty() {
         let place = args.data.as_ref().or(args.images.as_ref());
-        return Err(Usage(format!(
+        return Err(CliError::Usage(format!(
             "there are no {} in {}",
             if args.data.is_some() {
                 "test images"
@@ -225,21 +228,22 @@ fn time_model(
     failed: &mut bool,
 ) -> anyhow::Result<()> {
     let args = run.args;
-    let open = |threads| Model::open(name, file, &run.runtime, args.device, threads);
+    let open = |threads| Model::open(name, file, &run.runtime, args.runtime.device, threads);
     let mut accuracy = open(run.processor.threads)?;
-    match accuracy.probe()? {
-        None => run.note(&format!(
-            "model {name} carries no probe; whether this runtime computes what was trained is not \
-             checked"
-        )),
-        Some(result) if result.passes() => {}
-        Some(result) => anyhow::bail!(
-            "it differs from the trainer's own output by {:.1e} (more than {PROBE_TOLERANCE:.0e}); \
-             a runtime that computes something else is not timed",
-            result.max_difference
-        ),
+    let vetting = vet(&mut accuracy, None)?;
+    for note in &vetting.notes {
+        run.note(note);
     }
-    if let Some(placement) = super::placement_text(accuracy.placement()) {
+    if vetting.probe_failed() {
+        anyhow::bail!(
+            "{}; a runtime that computes something else is not timed",
+            vetting.warnings.join("; ")
+        );
+    }
+    for warning in &vetting.warnings {
+        eprintln!("warning: {warning}");
+    }
+    if let Some(placement) = placement_text(accuracy.placement()) {
         run.note(&format!("model {name}: {placement}"));
     }
     let mut batches = run.batches.clone();
@@ -268,7 +272,7 @@ fn time_model(
             if let Err(error) = time_setting(run, &bench, &mut model, &setting, rows) {
                 eprintln!(
                     "error: model {name}, {threads} thread(s), batch {batch}: {}",
-                    super::sentence(&error)
+                    error_chain(error.as_ref())
                 );
                 *failed = true;
             }
@@ -312,7 +316,7 @@ fn time_setting(
         Scenario::MultiStream
     };
     let label = format!("{}, threads {threads}, batch {batch}", model.name);
-    let progress = Progress::new(&label, 4, "measurements", run.args.quiet);
+    let progress = Progress::new(&label, 4, "measurements", run.args.runtime.quiet);
     let mut measured: Vec<(Stage, Scenario, Measured)> = Vec::new();
     let file = bench.file_stage();
     for (stage, scenario) in [
@@ -344,7 +348,7 @@ fn time_setting(
             format: FORMAT,
             model: model.name.clone(),
             model_hash: model.file.blake3.clone(),
-            device: run.args.device.to_string(),
+            device: run.args.runtime.device.to_string(),
             provider: model.provider().to_owned(),
             runtime: model.runtime().to_owned(),
             threads,
@@ -368,7 +372,7 @@ fn time_setting(
             max_difference,
             processor: run.processor.model.clone(),
             processor_threads: run.processor.threads,
-            tool_version: super::TOOL_VERSION.to_owned(),
+            tool_version: TOOL_VERSION.to_owned(),
         }
     }));
     Ok(())

@@ -6,7 +6,7 @@ use clap::Args;
 use strat_metrics::tables::ThesisTable;
 use strat_store::{files, shard::PARTS};
 
-use super::conclude;
+use super::evaluate::conclude;
 use crate::evaluate::shards;
 
 #[derive(Debug, Args)]

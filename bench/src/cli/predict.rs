@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::{
+    command::{CliError, DONE, FAILED, error_chain, print},
     exr::{self, DepthHeader},
     files, image_files,
     progress::Progress,
@@ -18,11 +19,15 @@ use strat_store::{
     resize,
 };
 
-use super::{DONE, FAILED, Usage, latency::rig, print};
+use super::{
+    args::{RuntimeArgs, ThreadArgs, default_name},
+    latency::rig,
+};
 use crate::{
-    model::{self, Description, Model, PROBE_TOLERANCE},
+    evaluate::record::TOOL_VERSION,
+    model::{self, Description, Model, vet::vet},
     quantity::{self, Conversion, Quantity, Rig, Scale, ScaleUnit, natural},
-    runtime::{Device, Runtime, RuntimeChoice},
+    runtime::placement_text,
 };
 
 /// After this many failures without a single success the rest is not tried.
@@ -74,18 +79,10 @@ pub(super) struct PredictArgs {
     /// Write maps of the network's own size instead of the images'
     #[arg(long)]
     network_size: bool,
-    /// Threads within the model, and for decoding and writing [default: all cores]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
-    /// Where the model runs: cpu, cuda, cuda:1, tensorrt, coreml or directml (see `bench devices`)
-    #[arg(long, default_value_t)]
-    device: Device,
-    /// Inference library; `auto` is ONNX Runtime when it is there, else the embedded one
-    #[arg(long, value_enum, default_value_t)]
-    runtime: RuntimeChoice,
-    /// No progress and no notes; warnings and errors still show
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    threads: ThreadArgs,
+    #[command(flatten)]
+    runtime: RuntimeArgs,
 }
 
 /// A number above 0.
@@ -146,32 +143,26 @@ impl Target {
 
 pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
     let jobs = jobs(&args.inputs, &args.out)?;
-    let threads = args.threads.map_or_else(
-        || std::thread::available_parallelism().map_or(1, usize::from),
-        usize::from,
-    );
-    let (runtime, notice) = Runtime::resolve(args.runtime, args.device)?;
-    if let Some(notice) = notice {
-        eprintln!("note: {notice}");
-    }
-    let name = super::default_name(&args.model);
-    let mut model = Model::open(&name, &args.model, &runtime, args.device, threads)?;
+    let pool = args.threads.pool()?;
+    let threads = args.threads.within_model(&pool);
+    let runtime = args.runtime.resolve()?;
+    let name = default_name(&args.model);
+    let mut model = Model::open(&name, &args.model, &runtime, args.runtime.device, threads)?;
     let rig = rig(args.focal_px, args.baseline_m);
     let targets = targets(args, &model.description, rig)?;
     refuse_collisions(&jobs, &targets)?;
     files::check_writable(&args.out)?;
-    let probe = check_probe(&mut model)?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .context("the worker threads could not be started")?;
-    if !args.quiet {
+    let vetting = vet(&mut model, None)?;
+    for warning in &vetting.warnings {
+        eprintln!("warning: {warning}");
+    }
+    if !args.runtime.quiet {
         eprintln!(
             "{} images, {}, device {}, {}",
             jobs.len(),
             model.runtime(),
-            args.device,
-            super::placement_text(model.placement()).unwrap_or_else(|| model.provider().to_owned())
+            args.runtime.device,
+            placement_text(model.placement()).unwrap_or_else(|| model.provider().to_owned())
         );
         if rig.is_none()
             && natural(model.description.output.meaning(), rig) == Quantity::DisparityPx
@@ -188,20 +179,20 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
         in_metres: has_scale(model.description.output.meaning(), rig),
         source: format!(
             "model {name}, BLAKE3 {}",
-            &model.file.blake3[..12.min(model.file.blake3.len())]
+            files::digest_prefix(&model.file.blake3)
         ),
     };
     let outcome = predict_all(args, &jobs, &mut model, &pool, &writer);
     let record = Record {
         tool: "bench predict",
-        tool_version: super::TOOL_VERSION,
+        tool_version: TOOL_VERSION,
         arguments,
         model: &args.model,
         blake3: &model.file.blake3,
         description: &model.description,
         runtime: model.runtime(),
         provider: model.provider(),
-        device: args.device.to_string(),
+        device: args.runtime.device.to_string(),
         threads,
         camera: rig,
         formats: targets
@@ -216,7 +207,7 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
                 (name, target.conversion.quantity)
             })
             .collect(),
-        probe_max_difference: probe,
+        probe_max_difference: vetting.probe.map(|result| result.max_difference),
         images: jobs.len(),
         failed: outcome.failed,
     };
@@ -227,7 +218,7 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
         .iter()
         .map(|path| format!("{}\n", path.display()))
         .collect();
-    print(&lines)?;
+    print(lines)?;
     if outcome.too_large > 0 {
         eprintln!(
             "note: {} value(s) above 255.99 do not fit into 16 bits and are written as 0 (none)",
@@ -243,23 +234,6 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
         jobs.len()
     );
     Ok(FAILED)
-}
-
-/// Runs the trainer's own check. A difference is a warning here: the user looks at the maps.
-fn check_probe(model: &mut Model) -> anyhow::Result<Option<f32>> {
-    let Some(result) = model.probe()? else {
-        return Ok(None);
-    };
-    if !result.passes() {
-        eprintln!(
-            "warning: PROBE FAILED: model {} on {} differs from the trainer's own output by {:.1e} \
-             (more than {PROBE_TOLERANCE:.0e}); do not trust the maps",
-            model.name,
-            model.provider(),
-            result.max_difference
-        );
-    }
-    Ok(Some(result.max_difference))
 }
 
 /// What each format holds; a format that cannot hold it is a contradiction of the arguments.
@@ -288,7 +262,7 @@ fn targets(
             Format::Color | Format::Npy => true,
         };
         if !fits {
-            return Err(Usage(match format {
+            return Err(CliError::Usage(match format {
                 Format::Exr => "`--format exr` holds depth in metres only; use npy for other \
                                 quantities"
                     .to_owned(),
@@ -300,11 +274,11 @@ fn targets(
             .into());
         }
         let conversion = Conversion::new(quantity, meaning, description.input.width, rig)
-            .map_err(|error| Usage(error.to_string()))?;
+            .map_err(CliError::usage)?;
         targets.push(Target { format, conversion });
     }
     if args.nearest_m.is_some() && !has_scale(meaning, rig) {
-        return Err(Usage(
+        return Err(CliError::Usage(
             "`--nearest-m` needs depth in metres, which this model does not give without \
              --focal-px and --baseline-m"
                 .to_owned(),
@@ -326,7 +300,7 @@ fn jobs(inputs: &[PathBuf], out: &Path) -> anyhow::Result<Vec<Job>> {
         if !input.is_dir() {
             // A file that is not there is a bad image like any other.
             let name = input.file_name().ok_or_else(|| {
-                Usage(format!(
+                CliError::Usage(format!(
                     "{} is neither an image nor a folder",
                     input.display()
                 ))
@@ -342,7 +316,7 @@ fn jobs(inputs: &[PathBuf], out: &Path) -> anyhow::Result<Vec<Job>> {
             .and_then(|out| Ok(out.starts_with(std::path::absolute(input)?)))
             .unwrap_or(false);
         if inside {
-            return Err(Usage(format!(
+            return Err(CliError::Usage(format!(
                 "the results' folder {} lies in {}, where images are looked for; choose another",
                 out.display(),
                 input.display()
@@ -398,14 +372,14 @@ fn has_image_name(path: &Path) -> bool {
 
 /// Two images must not share a result, nor differ from another's only by what some file systems
 /// do not tell apart.
-fn refuse_collisions(jobs: &[Job], targets: &[Target]) -> Result<(), Usage> {
+fn refuse_collisions(jobs: &[Job], targets: &[Target]) -> Result<(), CliError> {
     let mut taken: BTreeMap<String, &Job> = BTreeMap::new();
     for job in jobs {
         for target in targets {
             let name = output_name(&job.name, target.suffix());
             let key = name.to_string_lossy().to_lowercase();
             if let Some(other) = taken.insert(key, job) {
-                return Err(Usage(format!(
+                return Err(CliError::Usage(format!(
                     "{} and {} would both be written to {}; rename one, or use two output folders",
                     other.image.display(),
                     job.image.display(),
@@ -444,7 +418,7 @@ fn predict_all(
     pool: &rayon::ThreadPool,
     writer: &Writer<'_>,
 ) -> Outcome {
-    let progress = Progress::new("predict", jobs.len() as u64, "images", args.quiet);
+    let progress = Progress::new("predict", jobs.len() as u64, "images", args.runtime.quiet);
     let mut outcome = Outcome::default();
     let input = model.description.input.clone();
     let mut tried = 0;
@@ -487,7 +461,7 @@ fn predict_all(
                 Err(error) => {
                     outcome.failed += 1;
                     let image = job.image.display().to_string();
-                    let reason = super::sentence(&error);
+                    let reason = error_chain(error.as_ref());
                     // Most reasons name the file themselves.
                     progress.println(&if reason.contains(&image) {
                         format!("error: {reason}")

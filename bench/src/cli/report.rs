@@ -3,9 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use strat_store::files;
+use strat_store::{
+    command::{DONE, FAILED, print},
+    files,
+};
 
-use super::{DONE, FAILED, print};
 use crate::report;
 
 #[derive(Debug, Args)]
@@ -40,7 +42,7 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
     for problem in &page.problems {
         eprintln!("error: {problem}");
     }
-    print(&format!("{}\n", out.display()))?;
+    print(format_args!("{}\n", out.display()))?;
     Ok(if page.problems.is_empty() {
         DONE
     } else {

@@ -11,9 +11,9 @@
 use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage};
-use strat_store::raster::Plane;
+use strat_store::{files, image_files, raster::Plane};
 
-use crate::evaluate::Comparison;
+use crate::evaluate::{Comparison, record::slug};
 
 /// Relative depth error at the red end of the error map.
 pub const WORST_ERROR: f32 = 0.5;
@@ -33,30 +33,25 @@ bottom right  relative depth error |predicted - true| / true, blue = 0, red = 0.
 /// Folder of the pictures within that of the results.
 pub const FOLDER: &str = "pictures";
 
+/// Draws a comparison of a model into the folder of its results, with a text that explains it.
+///
+/// # Errors
+/// A file cannot be written.
+pub fn write(
+    results: &Path,
+    model: &str,
+    comparison: &Comparison,
+) -> Result<(), strat_store::Error> {
+    let folder = results.join(FOLDER);
+    let picture = image_files::encode_png_rgb(&draw(comparison));
+    files::write_atomic(&folder.join(file(model, &comparison.image)), &picture)?;
+    files::write_atomic(&folder.join("LEGEND.txt"), LEGEND.as_bytes())
+}
+
 /// Place of a picture within [`FOLDER`].
 #[must_use]
 pub fn file(model: &str, image: &str) -> PathBuf {
     Path::new(&slug(model)).join(format!("{}.png", slug(image)))
-}
-
-/// File name for something called `name`.
-pub(crate) fn slug(name: &str) -> String {
-    let slug: String = name
-        .chars()
-        .map(|c| {
-            if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') {
-                c
-            } else {
-                '_'
-            }
-        })
-        .collect();
-    // A name of dots would be a folder.
-    if slug.chars().all(|c| c == '.') {
-        "_".to_owned()
-    } else {
-        slug
-    }
 }
 
 /// Draws one comparison.

@@ -6,7 +6,7 @@
 //! these steps; results come out in the order of the set and do not depend on the number of threads.
 //! Beside networks there are [`predictions`] in files and the [`median`] baseline.
 //! [`plan`](mod@plan) says what a set can be measured by, [`record`] what a run leaves behind,
-//! [`write`](mod@write) writes it, [`journal`] lets it go on after an
+//! [`write`](mod@write) writes it; [`run`](mod@run) is one run of several models, [`journal`] lets it go on after an
 //! interruption, [`shards`] puts the parts of a divided one together.
 //!
 //! A broken image costs itself only: it is named, left out, and reported as a [`Failure`].
@@ -20,12 +20,13 @@ pub mod pipeline;
 pub mod plan;
 pub mod predictions;
 pub mod record;
+pub mod run;
 pub mod sample;
 pub mod score;
 pub mod shards;
 pub mod write;
 
-use std::{collections::BTreeSet, ops::ControlFlow};
+use std::{collections::BTreeSet, ops::ControlFlow, path::PathBuf};
 
 use image::RgbImage;
 use strat_metrics::{PostProcessing, Protocol, Row, RowContext};
@@ -45,6 +46,15 @@ use score::{Predicted, Prediction, Scored};
 
 pub use sample::SampleError;
 pub use score::Comparison;
+
+/// A model or saved predictions on the command line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NamedFile {
+    /// Name in tables and figures.
+    pub name: String,
+    /// File or folder.
+    pub file: PathBuf,
+}
 
 /// What predicts.
 pub enum Predictor<'a> {

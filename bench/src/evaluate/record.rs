@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 use strat_metrics::{Protocol, Row};
 use strat_store::{set::Content, shard::Shard};
 
+/// The version that rows and records name.
+pub const TOOL_VERSION: &str = env!("CARGO_PKG_VERSION");
+
 /// The file of rows.
 pub const ROWS: &str = "rows.csv";
 
@@ -121,6 +124,28 @@ pub struct ModelRecord {
     pub note: Option<String>,
 }
 
+impl ModelRecord {
+    /// What is measured without a model: no file, no network, no runtime.
+    #[must_use]
+    pub fn new(name: &str, blake3: String) -> Self {
+        Self {
+            name: name.to_owned(),
+            file: None,
+            blake3,
+            description: None,
+            saved: None,
+            metadata: None,
+            parameters: None,
+            runtime: "none".to_owned(),
+            provider: "none".to_owned(),
+            probe_max_difference: None,
+            images: 0,
+            seconds: 0.0,
+            note: None,
+        }
+    }
+}
+
 /// One protocol of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProtocolRecord {
@@ -172,4 +197,25 @@ pub fn sort_rows(rows: &mut [Row], models: &[&str], protocols: &[&str], images: 
             place(&images, &row.image),
         )
     });
+}
+
+/// File name for something called `name`.
+#[must_use]
+pub fn slug(name: &str) -> String {
+    let slug: String = name
+        .chars()
+        .map(|c| {
+            if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') {
+                c
+            } else {
+                '_'
+            }
+        })
+        .collect();
+    // A name of dots would be a folder.
+    if slug.chars().all(|c| c == '.') {
+        "_".to_owned()
+    } else {
+        slug
+    }
 }

@@ -28,7 +28,7 @@ const IMAGES: &str = "images.csv";
 
 /// Why parts cannot be put together.
 #[derive(Debug, thiserror::Error)]
-pub enum PartsError {
+pub enum ShardsError {
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] strat_store::Error),
@@ -80,7 +80,7 @@ struct Place {
 ///
 /// # Errors
 /// The folder cannot be written to.
-pub fn begin(folder: &Path, order: &[String], shard: Shard) -> Result<(), PartsError> {
+pub fn begin(folder: &Path, order: &[String], shard: Shard) -> Result<(), ShardsError> {
     // An earlier record would call a half-measured part complete.
     files::remove(&folder.join(RECORD))?;
     files::write_atomic_with(&folder.join(IMAGES), |file| {
@@ -107,8 +107,8 @@ struct Part {
 /// # Errors
 /// There are none, some are missing or unfinished, they do not belong together, or a file is
 /// broken.
-pub fn merge(out: &Path) -> Result<Outcome, PartsError> {
-    let wrong = |reason: &str| PartsError::Unusable {
+pub fn merge(out: &Path) -> Result<Outcome, ShardsError> {
+    let wrong = |reason: &str| ShardsError::Unusable {
         path: out.to_path_buf(),
         reason: reason.to_owned(),
     };
@@ -135,7 +135,7 @@ pub fn merge(out: &Path) -> Result<Outcome, PartsError> {
         }
     }
     if !missing.is_empty() {
-        return Err(PartsError::Missing {
+        return Err(ShardsError::Missing {
             folder: out.to_path_buf(),
             missing,
             count,
@@ -145,7 +145,7 @@ pub fn merge(out: &Path) -> Result<Outcome, PartsError> {
         if let [a, b] = pair
             && let Some(what) = difference(&a.outcome.record, &b.outcome.record)
         {
-            return Err(PartsError::Different {
+            return Err(ShardsError::Different {
                 folder: out.to_path_buf(),
                 first: a.shard,
                 other: b.shard,
@@ -227,8 +227,8 @@ fn difference(a: &RunRecord, b: &RunRecord) -> Option<&'static str> {
     }
 }
 
-fn read(folder: &Path, shard: Shard) -> Result<Part, PartsError> {
-    let unusable = |name: &str, reason: String| PartsError::Unusable {
+fn read(folder: &Path, shard: Shard) -> Result<Part, ShardsError> {
+    let unusable = |name: &str, reason: String| ShardsError::Unusable {
         path: folder.join(name),
         reason,
     };

@@ -8,7 +8,7 @@ use std::path::Path;
 use strat_metrics::{
     Metric, Row, leaderboard, rows,
     statistics::Bootstrap,
-    tables::{self, Coverage, Scale, Table, TableError, ThesisTable},
+    tables::{self, Coverage, Scale, Source, Table, TableError, ThesisTable},
 };
 use strat_store::{files, yaml};
 
@@ -44,6 +44,29 @@ impl Outcome {
         let text = yaml::to_string(&self.record)?;
         Ok(files::write_atomic(&out.join(RECORD), text.as_bytes())?)
     }
+}
+
+/// Writes all that follows from the rows of a whole run, leaderboard and tables, and returns it as
+/// text.
+///
+/// # Errors
+/// The rows do not fit together, or a file cannot be written.
+pub fn derived(
+    outcome: &Outcome,
+    out: &Path,
+    wanted: &[ThesisTable],
+) -> Result<String, WriteError> {
+    let Outcome { record, rows, .. } = outcome;
+    let expected = record.data.test_images_expected;
+    let coverage = Coverage {
+        expected_images: expected,
+        source: Source::from(record.data.source.as_str()),
+    };
+    let entries = write_leaderboard(out, rows, expected)?;
+    let written = write_tables(out, wanted, rows, &coverage)?;
+    let mut texts: Vec<String> = written.iter().map(Table::text).collect();
+    texts.extend(Some(beside_tables(&entries, wanted)).filter(|text| !text.is_empty()));
+    Ok(texts.join("\n"))
 }
 
 /// Writes the tables in four formats and returns them for printing.
@@ -185,18 +208,11 @@ pub fn beside_tables(entries: &[leaderboard::Entry], tables: &[ThesisTable]) -> 
 }
 
 /// Writes `failures.csv`, or removes that of an earlier run when nothing failed.
-fn write_failures(out: &Path, failures: &[Failure]) -> Result<(), WriteError> {
+fn write_failures(out: &Path, failures: &[Failure]) -> Result<(), strat_store::Error> {
+    let path = out.join(FAILURES);
     if failures.is_empty() {
-        return Ok(files::remove(&out.join(FAILURES))?);
+        files::remove(&path)
+    } else {
+        files::write_csv(&path, failures)
     }
-    let mut csv = csv::Writer::from_writer(Vec::new());
-    let as_error = strat_metrics::CsvError::from;
-    csv.write_record(["model", "image", "reason"])
-        .map_err(as_error)?;
-    for failure in failures {
-        csv.write_record([&failure.model, &failure.image, &failure.reason])
-            .map_err(as_error)?;
-    }
-    let bytes = csv.into_inner().unwrap_or_default();
-    Ok(files::write_atomic(&out.join(FAILURES), &bytes)?)
 }

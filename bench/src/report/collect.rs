@@ -12,7 +12,7 @@ use strat_store::{shard::PARTS, yaml};
 use crate::{
     cues::rows::{self as cue_rows, CueRow},
     draw::comparison,
-    evaluate::write::{self, RunRecord},
+    evaluate::record::{self, RunRecord},
     latency::{self, LatencyRow},
     rows::compare,
     rows::leaderboard,

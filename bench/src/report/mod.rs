@@ -1,7 +1,7 @@
 //! One HTML page about the results below a folder.
 //!
 //! The page is a function of files that other commands have written: `rows.csv` and `run.yaml` of
-//! [`crate::evaluate::write`] with the pictures beside them, `latency.csv` of [`crate::latency`] and
+//! [`crate::evaluate`] with the pictures beside them, `latency.csv` of [`crate::latency`] and
 //! `cues.csv` of [`crate::cues`]. Figures, intervals and marks are those of the tables
 //! ([`strat_metrics::tables`]); nothing is measured here. Rows of several runs over the same data
 //! share their tables.

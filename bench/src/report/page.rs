@@ -21,7 +21,7 @@ use crate::{
     cues::{figures, summary},
     draw::chart::{base64, themed},
     draw::comparison,
-    evaluate::write::ModelRecord,
+    evaluate::record::ModelRecord,
     latency::LatencyRow,
     rows::compare::protocols_of,
 };

@@ -9,11 +9,7 @@ use std::{fmt::Write as _, path::PathBuf};
 
 use serde::Serialize;
 
-use crate::{
-    runtime::ffi,
-    runtime::setup::Surroundings,
-    runtime::{Device, Runtime, RuntimeChoice},
-};
+use super::{Device, Runtime, RuntimeChoice, ffi, search::SearchPaths};
 
 /// The processor, as measurements name it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -107,7 +103,7 @@ impl Report {
     /// installed.
     #[must_use]
     pub fn collect() -> Self {
-        let libraries = Surroundings::of_this_process()
+        let libraries = SearchPaths::of_this_process()
             .candidates(true)
             .into_iter()
             .map(|candidate| {

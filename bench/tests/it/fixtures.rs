@@ -9,7 +9,7 @@ use std::{
 };
 
 use image::{Rgb, RgbImage};
-use strat_bench::runtime::setup::{Availability, ensure_runtime};
+use strat_bench::runtime::install::{Availability, ensure_runtime};
 use strat_needs::Need;
 use strat_onnx::{
     embedded::EmbeddedSession,

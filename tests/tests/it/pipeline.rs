@@ -7,7 +7,7 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use strat_bench::runtime::setup::{Availability, ensure_runtime};
+use strat_bench::runtime::install::{Availability, ensure_runtime};
 use strat_metrics::Row;
 use strat_needs::Need;
 use strat_tests::steps::{Command, Plan};

@@ -25,7 +25,7 @@ use strat_store::{
     set::{Content, Sample},
 };
 
-use crate::model::{Numbers, Sigmoid};
+use crate::model::{Sigmoid, ValueEncoding};
 
 /// Description of a folder, in the folder.
 pub const FOLDER_DESCRIPTION: &str = "predictions.yaml";
@@ -63,7 +63,7 @@ fn is_kitti_png(divisor: &f64) -> bool {
 }
 
 impl SavedDescription {
-    /// Numbers of one meaning to which nothing was done.
+    /// ValueEncoding of one meaning to which nothing was done.
     #[must_use]
     pub fn plain(meaning: OutputMeaning) -> Self {
         Self {
@@ -75,8 +75,8 @@ impl SavedDescription {
         }
     }
 
-    fn numbers(&self) -> Numbers {
-        Numbers {
+    fn encoding(&self) -> ValueEncoding {
+        ValueEncoding {
             meaning: self.meaning,
             sigmoid: self.sigmoid,
             scale: self.scale,
@@ -181,7 +181,7 @@ impl SavedPredictions {
         }
         let description: SavedDescription = strat_store::yaml::load(&yaml)?;
         let divisor = description.png_divisor;
-        let checked = description.numbers().check().and_then(|()| {
+        let checked = description.encoding().check().and_then(|()| {
             if divisor > 0.0 && divisor.is_finite() {
                 Ok(())
             } else {
@@ -216,7 +216,7 @@ impl SavedPredictions {
     /// What the numbers of [`map`](Self::map) are.
     #[must_use]
     pub fn meaning(&self) -> OutputMeaning {
-        self.description.numbers().meaning()
+        self.description.encoding().meaning()
     }
 
     /// The map of one image.
@@ -259,7 +259,7 @@ impl SavedPredictions {
                 column: first % plane.width,
             });
         }
-        self.description.numbers().apply(&mut plane.data);
+        self.description.encoding().apply(&mut plane.data);
         Ok(plane)
     }
 

@@ -1,0 +1,182 @@
+//! Arguments that several subcommands share, and how the crate's types are spelled on the command
+//! line.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum, builder::PossibleValue};
+use strat_store::{command::CliError, threads};
+
+use crate::{
+    evaluate::{NamedFile, plan::TableChoice},
+    notes::Notes,
+    runtime::{Device, Runtime, RuntimeChoice, RuntimeError},
+};
+
+/// What runs models; the same for all subcommands that run some.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct RuntimeArgs {
+    /// Where models run: cpu, cuda, cuda:1, tensorrt, coreml or directml (see `bench devices`)
+    #[arg(long, default_value_t)]
+    pub(super) device: Device,
+    /// Inference library; `auto` is ONNX Runtime when it is there, else the embedded one
+    #[arg(long, value_enum, default_value_t)]
+    pub(super) runtime: RuntimeChoice,
+    /// No progress and no notes; warnings and errors still show
+    #[arg(long)]
+    pub(super) quiet: bool,
+}
+
+impl RuntimeArgs {
+    /// The runtime that was asked for; a fallback is said on stderr.
+    pub(super) fn resolve(&self) -> Result<Runtime, RuntimeError> {
+        let (runtime, notice) = Runtime::resolve(self.runtime, self.device)?;
+        if let Some(notice) = notice {
+            // Not silenced: it says that another program computes than usual.
+            Notes::new(false).note(&notice);
+        }
+        Ok(runtime)
+    }
+}
+
+/// How many threads work; the same for all subcommands that do not measure time.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct ThreadArgs {
+    /// Threads beside the model, for decoding, measuring and writing, and for the model [default:
+    /// all cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+    /// Threads within the model [default: as many as --jobs]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+}
+
+impl ThreadArgs {
+    /// The threads beside the model.
+    pub(super) fn pool(&self) -> Result<rayon::ThreadPool, strat_store::Error> {
+        threads::pool("bench", self.jobs.map_or(0, usize::from))
+    }
+
+    /// The number of threads within a model.
+    pub(super) fn within_model(&self, pool: &rayon::ThreadPool) -> usize {
+        self.threads.map_or(pool.current_num_threads(), usize::from)
+    }
+}
+
+/// Splits `[NAME=]FILE` and finds a name for those without, none of which may be `taken`.
+pub(super) fn named_files(
+    option: &str,
+    texts: &[String],
+    taken: &[&str],
+) -> Result<Vec<NamedFile>, CliError> {
+    let mut given: Vec<NamedFile> = Vec::new();
+    for text in texts {
+        // A file may have an equals sign in its own name.
+        let (name, file) = match text.split_once('=') {
+            Some((name, file)) if !Path::new(text).exists() => (Some(name), PathBuf::from(file)),
+            _ => (None, PathBuf::from(text)),
+        };
+        let name = match name {
+            Some(name) => name.trim().to_owned(),
+            None => default_name(&file),
+        };
+        if name.is_empty() || file.as_os_str().is_empty() {
+            return Err(CliError::Usage(format!(
+                "`--{option} {text}` needs a file, and before `=` a name that is not empty"
+            )));
+        }
+        if taken.contains(&name.as_str()) || given.iter().any(|other| other.name == name) {
+            return Err(CliError::Usage(format!(
+                "two models are called \"{name}\"; name them with `--{option} NAME=FILE`"
+            )));
+        }
+        given.push(NamedFile { name, file });
+    }
+    Ok(given)
+}
+
+/// The file's name, or its folder's where every file is called the same.
+pub(super) fn default_name(file: &Path) -> String {
+    let text = |part: Option<&std::ffi::OsStr>| {
+        part.map(|part| part.to_string_lossy().into_owned())
+            .unwrap_or_default()
+    };
+    let stem = text(file.file_stem());
+    let folder = text(file.parent().and_then(Path::file_name));
+    if matches!(stem.as_str(), "model" | "predictions") && !folder.is_empty() {
+        folder
+    } else {
+        stem
+    }
+}
+
+impl ValueEnum for RuntimeChoice {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Auto, Self::Ort, Self::Embedded]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(match self {
+            Self::Auto => PossibleValue::new("auto").help(
+                "ONNX Runtime when its library is found, else the embedded runtime with a notice",
+            ),
+            Self::Ort => PossibleValue::new("ort")
+                .alias("onnxruntime")
+                .help("ONNX Runtime or an error"),
+            Self::Embedded => PossibleValue::new("embedded")
+                .help("The embedded runtime (CPU only, slower, needs nothing installed)"),
+        })
+    }
+}
+
+impl ValueEnum for TableChoice {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[
+            Self::Table31,
+            Self::Table32,
+            Self::Table33,
+            Self::Make3d,
+            Self::All,
+        ]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let (name, help) = match self {
+            Self::Table31 => ("3.1", "KITTI split: the seven metrics"),
+            Self::Table32 => ("3.2", "KITTI split: errors by semantic group"),
+            Self::Table33 => (
+                "3.3",
+                "Eigen split: the seven metrics with caps of 80 m and 50 m",
+            ),
+            Self::Make3d => (
+                "make3d",
+                "Make3D: the figures beside the pictures of figure 3.6",
+            ),
+            Self::All => ("all", "Whatever the prepared set offers"),
+        };
+        Some(PossibleValue::new(name).help(help))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn models_get_names() {
+        let texts = ["runs/a/model.onnx", "b.onnx", "Mine=c.onnx"].map(String::from);
+        let names: Vec<String> = named_files("model", &texts, &["Constant"])
+            .unwrap()
+            .into_iter()
+            .map(|given| given.name)
+            .collect();
+        assert_eq!(names, ["a", "b", "Mine"]);
+        for wrong in [
+            ["a.onnx", "x/a.onnx"],
+            ["=a.onnx", "b.onnx"],
+            ["a=", "b.onnx"],
+            ["Constant=a.onnx", "b.onnx"],
+        ] {
+            assert!(named_files("model", &wrong.map(String::from), &["Constant"]).is_err());
+        }
+    }
+}

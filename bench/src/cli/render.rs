@@ -1,0 +1,73 @@
+//! `bench render`: the thesis' tables from rows files alone.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use strat_metrics::tables::{Source, ThesisTable};
+use strat_store::{
+    command::{CliError, DONE, eprint_line, print},
+    files,
+};
+
+use crate::{
+    evaluate::write,
+    rows::{compare, leaderboard},
+};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  bench render --rows results/rows.csv --out tables")]
+pub(super) struct RenderArgs {
+    /// Rows files of one set; the first one's run.yaml says how many images there should be
+    #[arg(long, value_name = "ROWS.csv", num_args = 1.., required = true)]
+    rows: Vec<PathBuf>,
+    /// Folder for the tables
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Images of the complete test set, instead of what run.yaml or the split says
+    #[arg(long, value_name = "N")]
+    expected: Option<u64>,
+    /// Where the images come from, instead of what run.yaml says; figures of `kitti` compete
+    /// with published ones
+    #[arg(long, value_name = "TEXT")]
+    source: Option<String>,
+}
+
+pub(super) fn run(args: &RenderArgs) -> anyhow::Result<u8> {
+    let rows = compare::read_all(&args.rows)?;
+    let first = args
+        .rows
+        .first()
+        .ok_or_else(|| CliError::Usage("`--rows` needs a file".to_owned()))?;
+    let mut coverage = leaderboard::coverage_of(first, &rows)?;
+    if let Some(expected) = args.expected {
+        coverage.expected_images = expected;
+    }
+    if let Some(source) = &args.source {
+        coverage.source = Source::from(source.as_str());
+    }
+    let measured = compare::protocols_of(&rows);
+    let shown: Vec<ThesisTable> = measured
+        .iter()
+        .filter_map(|name| ThesisTable::showing(name))
+        .map(|(table, _)| table)
+        .collect();
+    let wanted: Vec<ThesisTable> = ThesisTable::ALL
+        .into_iter()
+        .filter(|table| shown.contains(table))
+        .collect();
+    if wanted.is_empty() {
+        return Err(anyhow::anyhow!(
+            "no table of the thesis is about {}; the tables are made of rows under kitti2015, \
+             semantic, eigen-80, eigen-50 and make3d-c1",
+            measured.join(", ")
+        ));
+    }
+    files::check_writable(&args.out)?;
+    let written = write::write_tables(&args.out, &wanted, &rows, &coverage)?;
+    let texts: Vec<String> = written.iter().map(|table| table.text()).collect();
+    print(texts.join("\n"))?;
+    eprint_line(format_args!("the tables are in {}", args.out.display()));
+    Ok(DONE)
+}

@@ -1,0 +1,648 @@
+//! A run of `bench --table`: models, saved predictions and the constant baseline over one prepared
+//! set.
+//!
+//! Whatever is measured goes the same way: its protocols, the journal of an interrupted run, the
+//! evaluation, its record. What cannot be used is named and costs itself only. Not here: the
+//! command line, and the files of a finished run ([`super::write`](mod@super::write)).
+
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use strat_metrics::{PostProcessing, Protocol, Row, RowContext, Suffix, tables::ThesisTable};
+use strat_onnx::metadata::OutputMeaning;
+use strat_splits::Role;
+use strat_store::{
+    files,
+    progress::Progress,
+    raster::Plane,
+    set::{Count, PreparedSet, Sample},
+    shard::Shard,
+    spread,
+};
+
+use super::{
+    Comparison, Evaluation, NamedFile, Observer, Predictor, Task, evaluate,
+    journal::{self, Journal, JournalError},
+    median::{self, MedianDepth},
+    plan::{self, PlanError, TableChoice},
+    predictions::{PredictionWriter, SaveError, SavedPredictions},
+    record::{self, DataRecord, Failure, ModelRecord, Outcome, ProtocolRecord, RunRecord, slug},
+    shards::{self, ShardsError},
+};
+use crate::{
+    model::{Model, vet::vet},
+    notes::Notes,
+    runtime::{Device, Runtime, RuntimeChoice, RuntimeError, placement_text},
+};
+
+/// What is to be measured, and how.
+#[derive(Debug)]
+pub struct Request<'a> {
+    /// Folder of the prepared set.
+    pub data: &'a Path,
+    /// Tables to fill.
+    pub table: TableChoice,
+    /// Further protocols, by name or file.
+    pub protocols: &'a [String],
+    /// ONNX files.
+    pub models: &'a [NamedFile],
+    /// Predictions that some program has saved.
+    pub predictions: &'a [NamedFile],
+    /// Measure the median depth of the training scans, too.
+    pub median_baseline: bool,
+    /// Folder for the results.
+    pub out: &'a Path,
+    /// Measure one part of the test images only.
+    pub shard: Option<Shard>,
+    /// Save what models predict.
+    pub save_predictions: bool,
+    /// Comparison pictures for each predictor, spread evenly over the test images.
+    pub pictures: usize,
+    /// Comparison pictures of as many best and as many worst images.
+    pub extremes: usize,
+    /// Which runtime.
+    pub runtime: RuntimeChoice,
+    /// Where models run.
+    pub device: Device,
+    /// Threads within a model.
+    pub threads: usize,
+    /// Threads beside the model.
+    pub pool: &'a rayon::ThreadPool,
+    /// No progress and no notes.
+    pub quiet: bool,
+}
+
+/// Draws one comparison for the model of this name below the folder of results.
+pub type Draw<'a> = &'a dyn Fn(&Path, &str, &Comparison) -> Result<(), strat_store::Error>;
+
+/// Why a run ended without results.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// A file or folder cannot be used.
+    #[error(transparent)]
+    Store(#[from] strat_store::Error),
+    /// The set cannot serve what was asked for.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// The folder of the part cannot be used.
+    #[error(transparent)]
+    Shards(#[from] ShardsError),
+    /// There is no such runtime, or not on that device.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+    /// Predictions cannot be saved.
+    #[error(transparent)]
+    Save(#[from] SaveError),
+    /// What was measured cannot be put down.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
+/// What a run has found; nothing of it is written yet but pictures, saved predictions and journals.
+#[derive(Debug)]
+pub struct Finished {
+    /// Record, rows and failures.
+    pub outcome: Outcome,
+    /// Tables to write.
+    pub tables: Vec<ThesisTable>,
+    /// Where the results belong: the folder for results, or that of one part.
+    pub folder: PathBuf,
+    journals: Vec<PathBuf>,
+}
+
+impl Finished {
+    /// Removes what an interrupted run would have gone on from; for when the results are written.
+    ///
+    /// # Errors
+    /// A file cannot be removed.
+    pub fn remove_journals(&self) -> Result<(), strat_store::Error> {
+        self.journals
+            .iter()
+            .try_for_each(|path| files::remove(path))
+    }
+}
+
+/// Measures everything that is asked for.
+///
+/// # Errors
+/// The set, the folder for results or the runtime cannot be used. What concerns one model or one
+/// image is part of the outcome.
+pub fn run(
+    request: &Request<'_>,
+    arguments: Vec<String>,
+    draw: Draw<'_>,
+) -> Result<Finished, RunError> {
+    let set = PreparedSet::open(request.data)?;
+    let mut samples = set.samples(Role::Test)?;
+    let count = plan::test_count(&set, &samples);
+    let plan = plan::plan(
+        request.table,
+        request.protocols,
+        set.manifest.content,
+        &samples,
+        count,
+    )?;
+    let folder = match request.shard {
+        Some(shard) => shard.folder(request.out),
+        None => request.out.to_path_buf(),
+    };
+    files::check_writable(&folder)?;
+    let pictured = spread::evenly(samples.len(), request.pictures)
+        .map(|index| samples[index].id.clone())
+        .collect();
+    if let Some(shard) = request.shard {
+        let order: Vec<String> = samples.iter().map(|sample| sample.id.clone()).collect();
+        samples.retain(|sample| shard.has(&sample.id));
+        shards::begin(&folder, &order, shard)?;
+    }
+    let mut run = TableRun {
+        request,
+        draw,
+        set,
+        samples,
+        protocols: plan.protocols,
+        pictured,
+        folder,
+        notes: Notes::new(request.quiet),
+        journals: Vec::new(),
+        used: Vec::new(),
+        rows: Vec::new(),
+        failures: Vec::new(),
+        records: Vec::new(),
+    };
+    for sentence in &plan.left_out {
+        run.notes.note(sentence);
+    }
+    if count.found < count.expected {
+        run.notes.note(&format!(
+            "{} of {} test images are in this set; every table says so",
+            count.found, count.expected
+        ));
+    }
+    let runtime = run.models()?;
+    run.saved_predictions()?;
+    if request.median_baseline {
+        run.median_baseline()?;
+    }
+    Ok(run.finish(plan.tables, runtime.as_ref(), count, arguments))
+}
+
+/// Everything a run collects on its way.
+struct TableRun<'a> {
+    request: &'a Request<'a>,
+    draw: Draw<'a>,
+    set: PreparedSet,
+    /// The test images that are measured here.
+    samples: Vec<Sample>,
+    protocols: Vec<Protocol>,
+    /// Images of which a picture is wanted.
+    pictured: BTreeSet<String>,
+    folder: PathBuf,
+    notes: Notes,
+    journals: Vec<PathBuf>,
+    /// All protocols that anything was measured under, in order.
+    used: Vec<Protocol>,
+    rows: Vec<Row>,
+    failures: Vec<Failure>,
+    records: Vec<ModelRecord>,
+}
+
+/// What is measured, with all that is known of it beforehand.
+struct Subject<'a> {
+    predictor: Predictor<'a>,
+    record: ModelRecord,
+    protocols: Vec<Protocol>,
+    writer: Option<PredictionWriter>,
+}
+
+impl TableRun<'_> {
+    fn models(&mut self) -> Result<Option<Runtime>, RunError> {
+        let request = self.request;
+        if request.models.is_empty() {
+            return Ok(None);
+        }
+        let (runtime, notice) = Runtime::resolve(request.runtime, request.device)?;
+        if let Some(notice) = notice {
+            // Not silenced: it says that another program computes than usual.
+            Notes::new(false).note(&notice);
+        }
+        self.notes.say(&format!(
+            "{} images, {runtime}, device {}",
+            self.samples.len(),
+            request.device
+        ));
+        for given in request.models {
+            self.model(given, &runtime)?;
+        }
+        Ok(Some(runtime))
+    }
+
+    /// Loads, vets and measures one model.
+    fn model(&mut self, given: &NamedFile, runtime: &Runtime) -> Result<(), RunError> {
+        let NamedFile { name, file } = given;
+        let request = self.request;
+        let tested = (self.set.manifest.content, self.samples.as_slice());
+        let opened = Model::open(name, file, runtime, request.device, request.threads)
+            .and_then(|mut model| Ok((vet(&mut model, Some(tested))?, model)));
+        let (vetting, mut model) = match opened {
+            Ok(opened) => opened,
+            Err(error) => {
+                self.notes.fail(format!("model {name}: {error}"));
+                return Ok(());
+            }
+        };
+        for warning in vetting.warnings {
+            self.notes.warn(warning);
+        }
+        for note in &vetting.notes {
+            self.notes.note(note);
+        }
+        if let Some(placement) = placement_text(model.placement()) {
+            self.notes.say(&format!(
+                "model {name}: {placement}, {} threads",
+                request.threads
+            ));
+        }
+        let protocols = self.protocols_for(name, model.description.output.meaning());
+        let record = ModelRecord {
+            file: Some(file.clone()),
+            description: Some(model.description.clone()),
+            metadata: model.file.info.metadata().cloned(),
+            parameters: Some(model.file.info.parameters),
+            runtime: model.runtime().to_owned(),
+            provider: model.provider().to_owned(),
+            probe_max_difference: vetting.probe.map(|result| result.max_difference),
+            ..ModelRecord::new(name, model.file.blake3.clone())
+        };
+        let mut writer = None;
+        if request.save_predictions {
+            let name = if request.models.len() > 1 {
+                format!("predictions-{}.npy", slug(name))
+            } else {
+                "predictions.npy".to_owned()
+            };
+            writer = Some(PredictionWriter::create(&self.folder.join(name))?);
+        }
+        self.measure(Subject {
+            predictor: Predictor::Model(&mut model),
+            record,
+            protocols,
+            writer,
+        })
+    }
+
+    fn saved_predictions(&mut self) -> Result<(), RunError> {
+        if self.request.predictions.is_empty() {
+            return Ok(());
+        }
+        // Whose map is whose follows from the whole test list, also where a part of it is measured.
+        let samples = self.set.samples(Role::Test)?;
+        let content = self.set.manifest.content;
+        for NamedFile { name, file } in self.request.predictions {
+            let saved = match SavedPredictions::open(name, file, content, &samples) {
+                Ok(saved) => saved,
+                Err(error) => {
+                    self.notes.fail(format!("predictions {name}: {error}"));
+                    continue;
+                }
+            };
+            self.notes.note(&format!(
+                "predictions {name} do not say what their model was trained on, so leakage cannot be \
+                 checked"
+            ));
+            let (flipped, protocols): (Vec<Protocol>, Vec<Protocol>) = self
+                .protocols_for(name, saved.meaning())
+                .into_iter()
+                .partition(|protocol| protocol.post_processing == PostProcessing::Flip);
+            for protocol in flipped {
+                self.notes.fail(format!(
+                    "predictions {name}: {} needs predictions of mirrored images, which saved ones do \
+                     not have; save predictions that are post-processed and evaluate them under the \
+                     protocol without",
+                    protocol.name
+                ));
+            }
+            self.measure(Subject {
+                record: ModelRecord {
+                    file: Some(file.clone()),
+                    saved: Some(saved.description.clone()),
+                    ..ModelRecord::new(name, saved.blake3.clone())
+                },
+                predictor: Predictor::Saved(&saved),
+                protocols,
+                writer: None,
+            })?;
+        }
+        Ok(())
+    }
+
+    fn median_baseline(&mut self) -> Result<(), RunError> {
+        let Request { pool, quiet, .. } = *self.request;
+        let median = match MedianDepth::of_training(&self.set, pool, quiet) {
+            Ok(median) => median,
+            Err(error) => {
+                self.notes.fail(error.to_string());
+                return Ok(());
+            }
+        };
+        let note = format!(
+            "per-place median of {} of {} training scans on a grid of {}x{}",
+            median.images,
+            median.available,
+            median::GRID_WIDTH,
+            median::GRID_HEIGHT
+        );
+        self.measure(Subject {
+            record: ModelRecord {
+                note: Some(note),
+                ..ModelRecord::new(median::NAME, median.digest())
+            },
+            predictor: Predictor::MedianDepth(&median),
+            protocols: self.protocols.clone(),
+            writer: None,
+        })
+    }
+
+    /// The protocols of a run as they apply to predictions of this meaning.
+    fn protocols_for(&mut self, name: &str, meaning: OutputMeaning) -> Vec<Protocol> {
+        if meaning != OutputMeaning::InverseDepth {
+            return self.protocols.clone();
+        }
+        self.notes.warn(format!(
+            "model {name} gives inverse depth of unknown scale: its predictions are scaled by the \
+             median of the ground truth, and its rows stand in tables of their own"
+        ));
+        // What was asked for with the suffix as well is one protocol.
+        let mut scaled: Vec<Protocol> = Vec::new();
+        for protocol in &self.protocols {
+            let protocol = protocol.clone().with(Suffix::Median);
+            if !scaled.contains(&protocol) {
+                scaled.push(protocol);
+            }
+        }
+        scaled
+    }
+
+    /// Measures a subject and puts what is found with the rest.
+    fn measure(&mut self, mut subject: Subject<'_>) -> Result<(), RunError> {
+        let started = Instant::now();
+        let evaluation = self.evaluate(&mut subject)?;
+        if let Some(writer) = subject.writer {
+            writer.finish()?;
+        }
+        let record = ModelRecord {
+            images: images_in(&evaluation.rows),
+            seconds: started.elapsed().as_secs_f64(),
+            ..subject.record
+        };
+        let name = &record.name;
+        for comparison in &evaluation.comparisons {
+            (self.draw)(&self.folder, name, comparison)?;
+        }
+        for Failure {
+            model,
+            image,
+            reason,
+        } in &evaluation.failures
+        {
+            eprintln!("error: {model}, image {image}: {reason}");
+        }
+        if evaluation.gave_up {
+            self.notes.fail(format!(
+                "{name}: the first {} images all failed, the rest was not tried",
+                evaluation.failures.len()
+            ));
+        }
+        let (counted, dead) = floored(name, &evaluation.rows);
+        if let Some(text) = counted {
+            self.notes.note(&text);
+        }
+        if let Some(text) = dead {
+            self.notes.warn(text);
+        }
+        self.failures.extend(evaluation.failures);
+        self.rows.extend(evaluation.rows);
+        self.records.push(record);
+        Ok(())
+    }
+
+    /// Evaluates everything that an interrupted run has not.
+    fn evaluate(&mut self, subject: &mut Subject<'_>) -> Result<Evaluation, RunError> {
+        let name = &subject.record.name;
+        let protocols: Vec<(Protocol, RowContext)> = subject
+            .protocols
+            .iter()
+            .map(|protocol| (protocol.clone(), self.context(&subject.record, protocol)))
+            .collect();
+        for protocol in &subject.protocols {
+            if !self.used.iter().any(|known| known.name == protocol.name) {
+                self.used.push(protocol.clone());
+            }
+        }
+        let contexts: Vec<RowContext> = protocols.iter().map(|(_, c)| c.clone()).collect();
+        let path = self
+            .folder
+            .join(format!("{}{}.csv", journal::PREFIX, slug(name)));
+        let (journal, mut before) = Journal::open(&path, &contexts)?;
+        self.journals.push(path);
+        // Rows alone make neither pictures nor saved predictions.
+        let saving = subject.writer.is_some();
+        before.retain(|image, _| !saving && !self.pictured.contains(image));
+        let left: Vec<Sample> = self
+            .samples
+            .iter()
+            .filter(|sample| !before.contains_key(&sample.id))
+            .cloned()
+            .collect();
+        if !before.is_empty() {
+            self.notes.note(&format!(
+                "{name}: {} of {} images were measured before the last run was interrupted; going on",
+                self.samples.len() - left.len(),
+                self.samples.len()
+            ));
+        }
+        let task = Task {
+            set: &self.set,
+            samples: &left,
+            protocols: &protocols,
+            pictures: &self.pictured,
+        };
+        let Request { pool, quiet, .. } = *self.request;
+        let predictor = &mut subject.predictor;
+        let mut recorder = Recorder {
+            writer: subject.writer.as_mut(),
+            journal,
+        };
+        let progress = Progress::new(name, left.len() as u64, "images", quiet);
+        let mut found = evaluate(&task, name, predictor, pool, &progress, &mut recorder)?;
+        progress.finish();
+        if !before.is_empty() {
+            found.rows.extend(before.into_values().flatten());
+            let order: Vec<&str> = self.samples.iter().map(|s| s.id.as_str()).collect();
+            let names: Vec<&str> = protocols.iter().map(|(p, _)| p.name.as_str()).collect();
+            record::sort_rows(&mut found.rows, &[name], &names, &order);
+        }
+        let extremes = extremes(&found.rows, self.request.extremes);
+        let again: Vec<Sample> = self
+            .samples
+            .iter()
+            .filter(|sample| {
+                let drawn = |comparison: &Comparison| comparison.image == sample.id;
+                extremes.contains(&sample.id) && !found.comparisons.iter().any(drawn)
+            })
+            .cloned()
+            .collect();
+        if !again.is_empty() {
+            let task = Task {
+                samples: &again,
+                pictures: &extremes,
+                ..task
+            };
+            let progress = Progress::new(name, again.len() as u64, "pictures", quiet);
+            let Ok(drawn) = evaluate(&task, name, predictor, pool, &progress, &mut ());
+            progress.finish();
+            found.comparisons.extend(drawn.comparisons);
+        }
+        Ok(found)
+    }
+
+    fn context(&self, record: &ModelRecord, protocol: &Protocol) -> RowContext {
+        let manifest = &self.set.manifest;
+        let metadata = record.metadata.as_ref();
+        RowContext {
+            model: record.name.clone(),
+            model_hash: record.blake3.clone(),
+            variant: metadata.and_then(|metadata| metadata.variant.clone()),
+            protocol: protocol.name.clone(),
+            protocol_digest: protocol.digest(),
+            data_digest: manifest.data_digest.clone(),
+            split: manifest.content.to_string(),
+            runtime: record.runtime.clone(),
+            provider: record.provider.clone(),
+            tool_version: record::TOOL_VERSION.to_owned(),
+        }
+    }
+
+    fn finish(
+        self,
+        tables: Vec<ThesisTable>,
+        runtime: Option<&Runtime>,
+        count: Count,
+        arguments: Vec<String>,
+    ) -> Finished {
+        let request = self.request;
+        let manifest = &self.set.manifest;
+        let record = RunRecord {
+            tool: "bench".to_owned(),
+            tool_version: record::TOOL_VERSION.to_owned(),
+            arguments,
+            data: DataRecord {
+                path: request.data.to_path_buf(),
+                source: manifest.source.clone(),
+                content: manifest.content,
+                split_digest: manifest.split_digest.clone(),
+                data_digest: manifest.data_digest.clone(),
+                test_images_expected: count.expected,
+                test_images_found: count.found,
+                prepared_by: manifest.tool_version.clone(),
+            },
+            tables: tables.iter().map(ToString::to_string).collect(),
+            shard: request.shard,
+            device: request.device.to_string(),
+            runtime: runtime.map_or_else(|| "none".to_owned(), ToString::to_string),
+            runtime_library: runtime.and_then(Runtime::library).map(Path::to_path_buf),
+            jobs: request.pool.current_num_threads(),
+            threads: request.threads,
+            models: self.records,
+            protocols: self.used.iter().map(ProtocolRecord::new).collect(),
+            warnings: self.notes.warnings,
+            failures: self.failures.len(),
+            complete: self.failures.is_empty() && !self.notes.incomplete,
+        };
+        Finished {
+            outcome: Outcome {
+                record,
+                rows: self.rows,
+                failures: self.failures,
+            },
+            tables,
+            folder: self.folder,
+            journals: self.journals,
+        }
+    }
+}
+
+/// Puts down what an evaluation finds as soon as it does.
+struct Recorder<'a> {
+    writer: Option<&'a mut PredictionWriter>,
+    journal: Journal,
+}
+
+impl Observer for Recorder<'_> {
+    type Error = RunError;
+
+    fn predicted(&mut self, image: &str, disparity: Option<&Plane>) -> Result<(), RunError> {
+        match &mut self.writer {
+            Some(writer) => Ok(writer.push(image, disparity)?),
+            None => Ok(()),
+        }
+    }
+
+    fn scored(&mut self, rows: &[Row]) -> Result<(), RunError> {
+        Ok(self.journal.add(rows)?)
+    }
+}
+
+/// The images with the `count` smallest and `count` largest Abs Rel under the first protocol
+/// that scores images as wholes.
+fn extremes(rows: &[Row], count: usize) -> BTreeSet<String> {
+    let first = rows.iter().find(|row| row.score.group.is_none());
+    let mut own: Vec<&Row> = rows
+        .iter()
+        .filter(|row| first.is_some_and(|first| first.context.protocol == row.context.protocol))
+        .collect();
+    own.sort_by(|a, b| {
+        let error = |row: &Row| row.score.metrics.abs_rel;
+        error(a).total_cmp(&error(b)).then(a.image.cmp(&b.image))
+    });
+    let ends = own.iter().take(count).chain(own.iter().rev().take(count));
+    ends.map(|row| row.image.clone()).collect()
+}
+
+/// What there is to say about pixels without disparity, which a protocol's floor keeps from
+/// infinity (PROTOCOL D8): how many there are, and whether an output is dead.
+fn floored(name: &str, rows: &[Row]) -> (Option<String>, Option<String>) {
+    let Some(first) = rows.iter().find(|row| row.score.floored_pixels > 0) else {
+        return (None, None);
+    };
+    let protocol = &first.context.protocol;
+    let own = || rows.iter().filter(|row| row.context.protocol == *protocol);
+    let sum = |count: fn(&Row) -> u64| own().map(count).sum::<u64>();
+    let dead: BTreeSet<&str> = own()
+        .filter(|row| row.score.floored_pixels == row.score.pixels)
+        .map(|row| row.image.as_str())
+        .collect();
+    let counted = format!(
+        "{name}: {} of {} pixels scored under {protocol} had a disparity of zero or nearly zero \
+         and were scored at its floor, far away (column floored_pixels of rows.csv)",
+        sum(|row| row.score.floored_pixels),
+        sum(|row| row.score.pixels)
+    );
+    let dead = dead.first().map(|first| {
+        format!(
+            "DEAD OUTPUT: model {name} gives no disparity above the floor in {} of {} images, \
+             such as {first}; its figures say nothing about depth",
+            dead.len(),
+            images_in(rows)
+        )
+    });
+    (Some(counted), dead)
+}
+
+fn images_in(rows: &[Row]) -> usize {
+    let images: BTreeSet<&str> = rows.iter().map(|row| row.image.as_str()).collect();
+    images.len()
+}

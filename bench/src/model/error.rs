@@ -1,0 +1,88 @@
+//! Why a model cannot be used.
+
+use std::path::PathBuf;
+
+use strat_onnx::{metadata::ProbeError, model::ReadError};
+
+use crate::runtime::RuntimeError;
+
+/// Why a model cannot be used, or what it did wrong.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// The file was refused before any runtime saw it.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The runtime refused the model or failed.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+    /// The file beside the model could not be used.
+    #[error(transparent)]
+    DescriptionFile(strat_store::Error),
+    /// Nobody says what the tensors mean.
+    #[error(
+        "{} does not say what its tensors mean, and there is no description at {}; \
+         write one with the keys input (width, height, range) and output (meaning), \
+         see `bench --help`",
+        model.display(), yaml.display()
+    )]
+    Undescribed {
+        /// The model file.
+        model: PathBuf,
+        /// Where a description was looked for.
+        yaml: PathBuf,
+    },
+    /// The model's metadata has a value this program does not understand.
+    #[error("the metadata of {} cannot be used: {reason}", model.display())]
+    Metadata {
+        /// The model file.
+        model: PathBuf,
+        /// What is wrong, as a sentence.
+        reason: String,
+    },
+    /// The graph does not fit its description.
+    #[error("{} does not fit its description: {reason}", model.display())]
+    Graph {
+        /// The model file.
+        model: PathBuf,
+        /// What does not fit.
+        reason: String,
+    },
+    /// The model ran, but an output is missing.
+    #[error("the model gave no output `{wanted}`; its outputs are {found}")]
+    NoOutput {
+        /// Name looked for.
+        wanted: String,
+        /// Names there.
+        found: String,
+    },
+    /// The model ran, but gave another shape.
+    #[error("the model's output `{name}` has the shape {found:?}, but {expected} is needed")]
+    OutputShape {
+        /// The output.
+        name: String,
+        /// Shape given.
+        found: Vec<usize>,
+        /// Shape needed.
+        expected: String,
+    },
+    /// The model ran, but gave something that is not a number.
+    #[error(
+        "the model's output `{name}` is not a number at row {row}, column {column} \
+         ({count} of {total} values are NaN or infinite)"
+    )]
+    NotFinite {
+        /// The output.
+        name: String,
+        /// First such row, from 0.
+        row: usize,
+        /// First such column, from 0.
+        column: usize,
+        /// How many.
+        count: usize,
+        /// Of how many.
+        total: usize,
+    },
+    /// The probe that the trainer left cannot be held against this model.
+    #[error("the model's own check cannot be made: {0}")]
+    Probe(#[from] ProbeError),
+}

@@ -1,0 +1,92 @@
+//! What is asked of every model before anything is measured or drawn with it: the trainer's own
+//! probe, and whether it was trained on what it is tested on.
+//!
+//! Every subcommand that runs a model passes here; each decides only whether what is found is a
+//! warning or a refusal.
+
+use strat_store::set::{Content, Sample};
+
+use super::{
+    Model, ModelError, PROBE_TOLERANCE, ProbeResult,
+    leakage::{self, Leakage},
+};
+
+/// What is known about a model before it is used.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Vetting {
+    /// The difference to the trainer's own output; none from a model without a probe.
+    pub probe: Option<ProbeResult>,
+    /// What of the test the model has seen in its training; `None` where nothing is tested.
+    pub leakage: Option<Leakage>,
+    /// Why its figures cannot be trusted or compared: sentences that name the model.
+    pub warnings: Vec<String>,
+    /// What was checked, and what could not be.
+    pub notes: Vec<String>,
+}
+
+impl Vetting {
+    /// The runtime is known to compute something else than what was trained.
+    #[must_use]
+    pub fn probe_failed(&self) -> bool {
+        self.probe.is_some_and(|result| !result.passes())
+    }
+}
+
+/// Asks a model its probe and looks for its training among the images it is `tested` on.
+///
+/// # Errors
+/// The model does not run, or its probe does not fit it.
+pub fn vet(model: &mut Model, tested: Option<(Content, &[Sample])>) -> Result<Vetting, ModelError> {
+    let name = model.name.clone();
+    let problems = &model.file.info.description.problems;
+    let mut vetting = Vetting {
+        probe: None,
+        leakage: None,
+        warnings: problems
+            .iter()
+            .map(|problem| format!("model {name}: {problem}"))
+            .collect(),
+        notes: Vec::new(),
+    };
+    if let Some((content, samples)) = tested {
+        let leakage = leakage::check(model.file.info.metadata(), content, samples);
+        match &leakage {
+            Leakage::None => {}
+            Leakage::Drives { drives, images } => vetting.warnings.push(format!(
+                "LEAKAGE: model {name} was trained on drives that {images} of the {} test images \
+                 come from ({}); its figures are no measure of anything new and must not be compared",
+                samples.len(),
+                drives.join(", ")
+            )),
+            Leakage::OtherSplit { trained } => vetting.warnings.push(format!(
+                "LEAKAGE: model {name} was trained on the {trained} split and is tested on the \
+                 {content} split; drives of its training may be among the test images, so its \
+                 figures are no measure of anything new and must not be compared"
+            )),
+            Leakage::Unknown => vetting.notes.push(format!(
+                "model {name} does not say all that it was trained on, so leakage cannot be checked"
+            )),
+        }
+        vetting.leakage = Some(leakage);
+    }
+    vetting.probe = model.probe()?;
+    match vetting.probe {
+        None => vetting.notes.push(format!(
+            "model {name} carries no probe; whether this runtime computes what was trained is not \
+             checked"
+        )),
+        Some(result) if result.passes() => vetting.notes.push(format!(
+            "model {name} on {}: largest difference to the trainer's own output {:.1e}",
+            model.provider(),
+            result.max_difference
+        )),
+        Some(result) => vetting.warnings.push(format!(
+            "PROBE FAILED: model {name} on {} differs from the trainer's own output by {:.1e} (more \
+             than {PROBE_TOLERANCE:.0e}); this runtime does not compute what was trained, so trust \
+             neither figures nor maps",
+            model.provider(),
+            result.max_difference
+        )),
+    }
+    Ok(vetting)
+}

@@ -1,0 +1,94 @@
+//! Why a runtime or a model cannot be used.
+
+use std::path::PathBuf;
+
+use strat_onnx::embedded::EmbeddedError;
+
+use super::{device::Device, ffi::CudaUnavailable};
+
+/// Why a runtime or a model could not be used.
+#[derive(Debug, thiserror::Error)]
+pub enum RuntimeError {
+    /// No usable ONNX Runtime library.
+    #[error(
+        "ONNX Runtime was not found ({looked_at}); install it with `bench setup`, \
+         or use `--runtime embedded`"
+    )]
+    NotFound {
+        /// Each place and why it did not serve.
+        looked_at: String,
+    },
+    /// The library was found, but would not start.
+    #[error("the ONNX Runtime in {} did not start: {reason}", library.display())]
+    NotStarted {
+        /// The library.
+        library: PathBuf,
+        /// Its own words, shortened.
+        reason: String,
+    },
+    /// An NVIDIA device was asked for and cannot work here.
+    #[error(transparent)]
+    Cuda(#[from] CudaUnavailable),
+    /// The embedded runtime knows no device but the processor.
+    #[error(
+        "the embedded runtime runs on the CPU only; `--device {device}` needs ONNX Runtime \
+         (`bench setup{}`)",
+        if device.nvidia().is_some() { " --gpu" } else { "" }
+    )]
+    EmbeddedIsCpuOnly {
+        /// The device asked for.
+        device: Device,
+    },
+    /// The library in use was built without the provider.
+    #[error(
+        "the ONNX Runtime in {} was built without {}, which `--device {device}` needs; {}",
+        library.display(), device.provider(), device.remedy()
+    )]
+    NoProvider {
+        /// The library.
+        library: PathBuf,
+        /// The device asked for.
+        device: Device,
+    },
+    /// TensorRT's own library is missing.
+    #[error(
+        "`--device {device}` needs TensorRT 10, but its {library} could not be opened; install it \
+         (pip package tensorrt-cu13) and put its folder into LD_LIBRARY_PATH, or use \
+         `--device cuda`"
+    )]
+    NoTensorRt {
+        /// The device asked for.
+        device: Device,
+        /// File name of TensorRT's library.
+        library: &'static str,
+    },
+    /// The runtime refused the model.
+    #[error("{runtime} cannot load {}: {reason}", model.display())]
+    Load {
+        /// Which runtime.
+        runtime: String,
+        /// The model file.
+        model: PathBuf,
+        /// The runtime's words, shortened.
+        reason: String,
+    },
+    /// The model failed while running.
+    #[error("{runtime} failed while running the model: {reason}")]
+    Run {
+        /// Which runtime.
+        runtime: String,
+        /// The runtime's words, shortened.
+        reason: String,
+    },
+    /// The embedded runtime refused the model or failed to run it.
+    #[error(transparent)]
+    Embedded(#[from] EmbeddedError),
+    /// An output is not a tensor of 32-bit floats.
+    #[error("the model's output `{name}` is not a tensor of 32-bit floats: {reason}")]
+    NotFloat {
+        /// The output.
+        name: String,
+        /// The runtime's words, shortened.
+        reason: String,
+    },
+}
