@@ -119,6 +119,11 @@ enum Command {
     Report(report::ReportArgs),
 }
 
+/// The parser of the command line, for tests of what guides tell users to type.
+pub fn command() -> clap::Command {
+    <Cli as clap::CommandFactory>::command()
+}
+
 /// Runs the command with the given arguments, the program's name first, and returns the exit
 /// code.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {

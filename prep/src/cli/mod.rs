@@ -175,6 +175,11 @@ impl Common {
     }
 }
 
+/// The parser of the command line, for tests of what guides tell users to type.
+pub fn command() -> clap::Command {
+    <Cli as clap::CommandFactory>::command()
+}
+
 /// Runs the command and returns its exit code. The first argument is the program's name.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
     let cli = match Cli::try_parse_from(args) {

@@ -2,6 +2,7 @@
 //! frames where there are some.
 
 mod architecture;
+mod documents;
 mod golden;
 mod kitti_samples;
 mod modules;

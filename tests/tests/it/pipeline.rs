@@ -12,8 +12,8 @@ use strat_metrics::Row;
 use strat_needs::Need;
 use strat_tests::steps::{Command, Plan};
 
-/// A configuration small enough for a test; everything not named is the demo's.
-fn plan(out: &Path, runtime: &str) -> Plan {
+/// Options that make a training small enough for a test.
+pub fn small_training() -> Vec<OsString> {
     let sets = [
         "input.width=128",
         "input.height=64",
@@ -23,16 +23,21 @@ fn plan(out: &Path, runtime: &str) -> Plan {
         "batch=2",
         "validation.images=2",
     ];
-    let mut train_arguments: Vec<OsString> = vec!["--max-steps".into(), "3".into()];
+    let mut arguments: Vec<OsString> = vec!["--max-steps".into(), "3".into()];
     for set in sets {
-        train_arguments.extend(["--set".into(), set.into()]);
+        arguments.extend(["--set".into(), set.into()]);
     }
-    train_arguments.push("--quiet".into());
+    arguments.push("--quiet".into());
+    arguments
+}
+
+/// A configuration small enough for a test; everything not named is the demo's.
+fn plan(out: &Path, runtime: &str) -> Plan {
     Plan {
         out: out.to_owned(),
         world: "tiny".into(),
         config: "demo".into(),
-        train_arguments,
+        train_arguments: small_training(),
         bench_arguments: vec!["--runtime".into(), runtime.into(), "--quiet".into()],
     }
 }

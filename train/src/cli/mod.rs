@@ -158,6 +158,11 @@ impl<E: Into<anyhow::Error>> From<E> for Stop {
     }
 }
 
+/// The parser of the command line, for tests of what guides tell users to type.
+pub fn command() -> clap::Command {
+    <Cli as clap::CommandFactory>::command()
+}
+
 /// Runs the command with the arguments after the program's own name first; the exit code.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
     let cli = match Cli::try_parse_from(args) {
