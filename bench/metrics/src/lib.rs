@@ -11,19 +11,12 @@
 //!
 //! ```
 //! use strat_metrics::tables::{self, Coverage, Source, ThesisTable};
-//! use strat_metrics::{GroundTruth, Row, RowContext, evaluate, protocol};
+//! use strat_metrics::{GroundTruth, KnownCamera, Row, RowContext, StereoCamera, evaluate, protocol};
 //!
 //! let rules = protocol("kitti2015").ok_or("no such protocol")?;
-//! let truth = GroundTruth {
-//!     width: 2,
-//!     height: 1,
-//!     depth_m: &[20.0, 0.0],
-//!     disparity_px: None,
-//!     focal_px: 721.5377,
-//!     baseline_m: 0.5327,
-//!     labels: None,
-//!     measured: None,
-//! };
+//! let calibration = StereoCamera { focal_px: 721.5377, baseline_m: 0.5327 };
+//! let camera = KnownCamera { calibration, nominal_focal_px: Some(721.5377) };
+//! let truth = GroundTruth::new((2, 1), vec![20.0, 0.0], camera)?;
 //! let context = RowContext {
 //!     model: "mine".into(),
 //!     protocol: rules.name.clone(),
@@ -62,13 +55,12 @@ pub mod tables;
 mod thesis;
 
 pub use columns::CsvError;
-pub use evaluate::{
-    EvaluateError, GroundTruth, ImageScore, MeasuredPixels, evaluate, evaluate_depth,
-};
+pub use evaluate::{EvaluateError, GroundTruth, ImageScore, evaluate, evaluate_depth};
 pub use flip::flip_blend;
 pub use metrics::{CropBox, Metric, Metrics, crop_box, d1_all, depth_metrics, median};
 pub use protocol::{
-    Camera, Crop, D1Rule, GroundTruthKind, Group, Grouping, InfiniteDepth, LogBase, PostProcessing,
-    Protocol, ProtocolName, Resize, Suffix, UnknownGroup, protocol, protocols,
+    Camera, CameraError, Crop, D1Rule, GroundTruthKind, Group, Grouping, InfiniteDepth,
+    KnownCamera, LogBase, PostProcessing, Protocol, ProtocolName, Resize, StereoCamera, Suffix,
+    UnknownGroup, protocol, protocols,
 };
 pub use rows::{Row, RowContext};

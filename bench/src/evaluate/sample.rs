@@ -5,11 +5,10 @@
 
 use image::RgbImage;
 use strat_metrics::{
-    EvaluateError, GroundTruth, GroundTruthKind, Grouping, MeasuredPixels, Protocol,
+    EvaluateError, GroundTruth, GroundTruthKind, Grouping, KnownCamera, Protocol, StereoCamera,
 };
 use strat_store::{
     exr, files, image_files,
-    raster::Plane,
     set::{FileRef, PreparedSet, Sample},
 };
 
@@ -122,22 +121,11 @@ pub(crate) fn checked_bytes(set: &PreparedSet, file: &FileRef) -> Result<Vec<u8>
     }
 }
 
-/// What is known of an image under one kind of ground truth.
-pub(super) struct Truth {
-    pub(super) depth: Plane,
-    pub(super) disparity_px: Option<Vec<f32>>,
-    /// Where it was measured, for all protocols.
-    pub(super) measured: MeasuredPixels,
-    /// Focal length that made depth out of disparity, for stereo ground truth.
-    pub(super) nominal_focal_px: f64,
-}
-
 /// What the set knows of one image besides its picture, read when a protocol first needs it.
 pub(super) struct Scene<'a> {
     set: &'a PreparedSet,
     pub(super) sample: &'a Sample,
-    truths: Vec<(GroundTruthKind, Truth)>,
-    labels: Option<Vec<u8>>,
+    truths: Vec<(GroundTruthKind, GroundTruth)>,
 }
 
 impl<'a> Scene<'a> {
@@ -146,15 +134,11 @@ impl<'a> Scene<'a> {
             set,
             sample,
             truths: Vec::new(),
-            labels: None,
         }
     }
 
-    /// The ground truth that a protocol compares with, and the labels where it groups by them.
-    pub(super) fn needed_by(
-        &mut self,
-        protocol: &Protocol,
-    ) -> Result<(&Truth, Option<&[u8]>), SampleError> {
+    /// The ground truth that a protocol compares with, with labels where it groups by them.
+    pub(super) fn needed_by(&mut self, protocol: &Protocol) -> Result<&GroundTruth, SampleError> {
         let kind = protocol.ground_truth;
         let known = self.truths.iter().position(|(known, _)| *known == kind);
         let index = match known {
@@ -165,10 +149,17 @@ impl<'a> Scene<'a> {
                 self.truths.len() - 1
             }
         };
-        if protocol.grouping == Grouping::Cityscapes && self.labels.is_none() {
-            self.labels = Some(load_labels(self.set, self.sample)?);
+        let truth = &mut self.truths[index].1;
+        if protocol.grouping == Grouping::Cityscapes && !truth.has_labels() {
+            let labels = load_labels(self.set, self.sample)?;
+            truth
+                .set_labels(labels)
+                .map_err(|source| SampleError::Evaluate {
+                    protocol: protocol.name.clone(),
+                    source,
+                })?;
         }
-        Ok((&self.truths[index].1, self.labels.as_deref()))
+        Ok(truth)
     }
 }
 
@@ -176,7 +167,7 @@ fn load_truth(
     set: &PreparedSet,
     sample: &Sample,
     kind: GroundTruthKind,
-) -> Result<Truth, SampleError> {
+) -> Result<GroundTruth, SampleError> {
     let (file, what) = match kind {
         GroundTruthKind::StereoNoc => (&sample.depth_noc, "disp_noc ground truth"),
         GroundTruthKind::StereoOcc => (&sample.depth_occ, "disp_occ ground truth"),
@@ -216,25 +207,21 @@ fn load_truth(
             })
             .collect()
     });
-    let unusable = |source| SampleError::GroundTruth {
+    let camera = KnownCamera {
+        calibration: StereoCamera {
+            focal_px: sample.focal_px,
+            baseline_m: sample.baseline_m,
+        },
+        // What made depth out of disparity.
+        nominal_focal_px: kind.is_stereo().then_some(header.focal_px),
+    };
+    let size = (depth.width, depth.height);
+    match disparity_px {
+        Some(disparity_px) => GroundTruth::stereo(size, depth.data, disparity_px, camera),
+        None => GroundTruth::new(size, depth.data, camera),
+    }
+    .map_err(|source| SampleError::GroundTruth {
         path: file.path.clone(),
         source,
-    };
-    let measured = MeasuredPixels::find(&GroundTruth {
-        width: depth.width,
-        height: depth.height,
-        depth_m: &depth.data,
-        disparity_px: disparity_px.as_deref(),
-        focal_px: header.focal_px,
-        baseline_m: header.baseline_m,
-        labels: None,
-        measured: None,
-    })
-    .map_err(unusable)?;
-    Ok(Truth {
-        measured,
-        depth,
-        disparity_px,
-        nominal_focal_px: header.focal_px,
     })
 }

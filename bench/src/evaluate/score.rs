@@ -5,7 +5,7 @@
 
 use image::RgbImage;
 use strat_metrics::{
-    Camera, GroundTruth, GroundTruthKind, ImageScore, PostProcessing, Protocol, Resize, RowContext,
+    GroundTruth, GroundTruthKind, ImageScore, PostProcessing, Protocol, Resize, RowContext,
 };
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::{
@@ -14,7 +14,7 @@ use strat_store::{
     set::{PreparedSet, Sample},
 };
 
-use super::sample::{SampleError, Scene, Truth};
+use super::sample::{SampleError, Scene};
 
 /// The median that inverse depth of unknown scale is brought to, as a disparity fraction: a
 /// typical value, so that the protocol's disparity floor means what it means for other models.
@@ -136,17 +136,25 @@ pub(super) fn score(
             return Ok(Vec::new());
         }
         // What one protocol lacks does not cost the others their rows.
-        let (truth, labels) = scene.needed_by(protocol)?;
+        let truth = scene.needed_by(protocol)?;
+        let unscored = |source| SampleError::Evaluate {
+            protocol: protocol.name.clone(),
+            source,
+        };
         let (prediction, shared) = match (&flipped, protocol.post_processing) {
             (Some(flipped), PostProcessing::Flip) => flipped,
             _ => &plain,
         };
-        let camera = Seen::by(protocol, truth, sample);
+        let camera = protocol
+            .camera
+            .resolve(truth.camera(), width)
+            .map_err(|error| unscored(error.into()))?;
+        let depth_at_width_m = camera.depth_at_width_m(width) as f32;
         let compared = compared(
             protocol,
             truth,
             sample,
-            &camera,
+            depth_at_width_m,
             prediction,
             shared.as_ref(),
         );
@@ -155,28 +163,26 @@ pub(super) fn score(
         if comparison.is_none()
             && let Some(input) = &image
         {
-            comparison =
-                Some(camera.comparison(protocol, truth, sample, input, compared, gives_depth));
+            let predicted = if gives_depth {
+                reciprocal(compared, depth_at_width_m)
+            } else {
+                compared.clone()
+            };
+            comparison = Some(comparison_of(
+                protocol,
+                truth,
+                sample,
+                input,
+                predicted,
+                depth_at_width_m,
+            ));
         }
-        let truth = GroundTruth {
-            width: truth.depth.width,
-            height: truth.depth.height,
-            depth_m: &truth.depth.data,
-            disparity_px: truth.disparity_px.as_deref(),
-            focal_px: camera.focal_px,
-            baseline_m: camera.baseline_m,
-            labels,
-            measured: Some(&truth.measured),
-        };
         let result = if gives_depth {
-            strat_metrics::evaluate_depth(protocol, &truth, &compared.data)
+            strat_metrics::evaluate_depth(protocol, truth, &compared.data)
         } else {
-            strat_metrics::evaluate(protocol, &truth, &compared.data)
+            strat_metrics::evaluate(protocol, truth, &compared.data)
         };
-        result.map_err(|source| SampleError::Evaluate {
-            protocol: protocol.name.clone(),
-            source,
-        })
+        result.map_err(unscored)
     };
     let protocols = protocols.iter();
     Scored {
@@ -191,14 +197,14 @@ pub(super) fn score(
 /// size of the image.
 fn compared<'a>(
     protocol: &Protocol,
-    truth: &Truth,
+    truth: &GroundTruth,
     sample: &Sample,
-    camera: &Seen,
+    depth_at_width_m: f32,
     prediction: &Prediction,
     shared: Option<&'a Plane>,
 ) -> std::borrow::Cow<'a, Plane> {
     use std::borrow::Cow;
-    let (width, height) = (truth.depth.width, truth.depth.height);
+    let (width, height) = truth.size();
     let to_truth = |plane: &Plane| match protocol.resize {
         Resize::DisparityBilinear => resize::bilinear_f32(plane, width, height),
         Resize::DepthNearest => nearest(plane, width, height),
@@ -208,7 +214,7 @@ fn compared<'a>(
     let resized = match (shared, prediction) {
         (Some(plane), _) if as_shared => Cow::Borrowed(plane),
         (_, Prediction::ConstantDepthM(plane)) => {
-            Cow::Owned(to_truth(&reciprocal(plane, camera.depth_at_width_m)))
+            Cow::Owned(to_truth(&reciprocal(plane, depth_at_width_m)))
         }
         (
             _,
@@ -223,75 +229,44 @@ fn compared<'a>(
     // Inverse depth in metres becomes disparity with whatever camera the protocol assumes.
     let values = resized.data.iter();
     Cow::Owned(Plane {
-        data: values
-            .map(|value| value * camera.depth_at_width_m)
-            .collect(),
+        data: values.map(|value| value * depth_at_width_m).collect(),
         ..*resized
     })
 }
 
-/// The camera with which a protocol sees an image.
-struct Seen {
-    focal_px: f64,
-    baseline_m: f64,
-    /// Depth in metres to disparity as a fraction of image width and back.
+/// What a picture shows: predicted disparity at the size of the ground truth, and the truth.
+fn comparison_of(
+    protocol: &Protocol,
+    truth: &GroundTruth,
+    sample: &Sample,
+    input: &RgbImage,
+    mut predicted: Plane,
     depth_at_width_m: f32,
-}
-
-impl Seen {
-    fn by(protocol: &Protocol, truth: &Truth, sample: &Sample) -> Self {
-        let width = f64::from(sample.width);
-        let (focal_px, baseline_m) = match protocol.camera {
-            Camera::Nominal { baseline_m } => (truth.nominal_focal_px, baseline_m),
-            Camera::Calibrated => (sample.focal_px, sample.baseline_m),
-            Camera::Agreed {
-                focal_fraction,
-                baseline_m,
-            } => (focal_fraction * width, baseline_m),
-            Camera::Unknown => (width, 1.0),
-        };
-        Self {
-            focal_px,
-            baseline_m,
-            depth_at_width_m: (focal_px * baseline_m / width) as f32,
-        }
+) -> Comparison {
+    let depth = Plane {
+        width: truth.size().0,
+        height: truth.size().1,
+        data: truth.depth_m().to_vec(),
+    };
+    let mut true_disparity = reciprocal(&depth, depth_at_width_m);
+    let (width, height) = (sample.width as usize, sample.height as usize);
+    // A laser's grid is coarser than the image.
+    if truth.size() != (width, height) {
+        predicted = resize::bilinear_f32(&predicted, width, height);
+        true_disparity = nearest(&true_disparity, width, height);
     }
-
-    /// What a picture shows.
-    fn comparison(
-        &self,
-        protocol: &Protocol,
-        truth: &Truth,
-        sample: &Sample,
-        input: &RgbImage,
-        compared: &Plane,
-        gives_depth: bool,
-    ) -> Comparison {
-        let mut predicted = if gives_depth {
-            reciprocal(compared, self.depth_at_width_m)
-        } else {
-            compared.clone()
-        };
-        let mut true_disparity = reciprocal(&truth.depth, self.depth_at_width_m);
-        let (width, height) = (sample.width as usize, sample.height as usize);
-        // A laser's grid is coarser than the image.
-        if (truth.depth.width, truth.depth.height) != (width, height) {
-            predicted = resize::bilinear_f32(&predicted, width, height);
-            true_disparity = nearest(&true_disparity, width, height);
-        }
-        let within = if protocol.mask_ground_truth {
-            (protocol.min_depth_m as f32, protocol.max_depth_m as f32)
-        } else {
-            (0.0, f32::INFINITY)
-        };
-        Comparison {
-            image: sample.id.clone(),
-            input: input.clone(),
-            predicted,
-            truth: true_disparity,
-            depth_at_width_m: self.depth_at_width_m,
-            median_within_m: protocol.median_scaling.then_some(within),
-        }
+    let within = if protocol.mask_ground_truth {
+        (protocol.min_depth_m as f32, protocol.max_depth_m as f32)
+    } else {
+        (0.0, f32::INFINITY)
+    };
+    Comparison {
+        image: sample.id.clone(),
+        input: input.clone(),
+        predicted,
+        truth: true_disparity,
+        depth_at_width_m,
+        median_within_m: protocol.median_scaling.then_some(within),
     }
 }
 

@@ -231,7 +231,9 @@ pub fn verify(board: &Path, rows_files: &[PathBuf]) -> Result<Verified, PublishE
 
 #[cfg(test)]
 mod tests {
-    use strat_metrics::{GroundTruth, RowContext, evaluate_depth, protocol, rows};
+    use strat_metrics::{
+        GroundTruth, KnownCamera, RowContext, StereoCamera, evaluate_depth, protocol, rows,
+    };
 
     use super::*;
 
@@ -248,16 +250,14 @@ mod tests {
         let made: Vec<Row> = (0..6_u8)
             .map(|i| {
                 let depth_m = [10.0 + f32::from(i), 20.0];
-                let truth = GroundTruth {
-                    width: 2,
-                    height: 1,
-                    depth_m: &depth_m,
-                    disparity_px: None,
-                    focal_px: 700.0,
-                    baseline_m: 0.5,
-                    labels: None,
-                    measured: None,
+                let camera = KnownCamera {
+                    calibration: StereoCamera {
+                        focal_px: 700.0,
+                        baseline_m: 0.5,
+                    },
+                    nominal_focal_px: None,
                 };
+                let truth = GroundTruth::new((2, 1), depth_m.to_vec(), camera).unwrap();
                 let predicted = depth_m.map(|depth| depth * factor + f32::from(i));
                 let score = evaluate_depth(&rules, &truth, &predicted).unwrap()[0];
                 Row::new(

@@ -15,7 +15,9 @@ use burn::tensor::{Device, Tensor};
 use colorous::MAGMA;
 use image::RgbImage;
 use rayon::prelude::*;
-use strat_metrics::{GroundTruth, GroundTruthKind, Metrics, Protocol, evaluate};
+use strat_metrics::{
+    GroundTruth, GroundTruthKind, KnownCamera, Metrics, Protocol, StereoCamera, evaluate,
+};
 use strat_splits::Role;
 use strat_store::image_files::{encode_png_rgb, read_rgb};
 use strat_store::raster::Plane;
@@ -183,24 +185,21 @@ impl Validation {
         };
         let (truth, _) = exr::read_depth(&self.set.path(file))?;
         let prediction = resize::bilinear_f32(disparity, truth.width, truth.height);
-        let truth = GroundTruth {
-            width: truth.width,
-            height: truth.height,
-            depth_m: &truth.data,
-            disparity_px: None,
-            focal_px: sample.focal_px,
-            baseline_m: sample.baseline_m,
-            labels: None,
-            measured: None,
+        let unscored = |error| Error::Config(format!("validation of {}: {error}", sample.id));
+        let camera = KnownCamera {
+            calibration: StereoCamera {
+                focal_px: sample.focal_px,
+                baseline_m: sample.baseline_m,
+            },
+            nominal_focal_px: None,
         };
+        let size = (truth.width, truth.height);
+        let truth = GroundTruth::new(size, truth.data, camera).map_err(unscored)?;
         // A scan without a point in the crop gives no score, which is no failure of training.
         match evaluate(&self.protocol, &truth, &prediction.data) {
             Ok(scores) => Ok(scores.first().map(|score| score.metrics)),
             Err(strat_metrics::EvaluateError::NothingToScore { .. }) => Ok(None),
-            Err(error) => Err(Error::Config(format!(
-                "validation of {}: {error}",
-                sample.id
-            ))),
+            Err(error) => Err(unscored(error)),
         }
     }
 

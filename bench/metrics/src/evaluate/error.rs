@@ -1,5 +1,7 @@
 //! Why an image was not scored.
 
+use crate::protocol::CameraError;
+
 /// Why an image was not scored.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -48,14 +50,9 @@ pub enum EvaluateError {
         /// The value.
         value: f32,
     },
-    /// Focal length or baseline that is not a positive number.
-    #[error("the {what} of the image is {value}; a positive number of common size is needed")]
-    CameraValue {
-        /// Focal length, baseline or their product.
-        what: &'static str,
-        /// The value.
-        value: f64,
-    },
+    /// The protocol's camera cannot be had.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
     /// A protocol that cannot be followed, for instance one read from a file.
     #[error("protocol {name} cannot be followed: {reason}")]
     Protocol {

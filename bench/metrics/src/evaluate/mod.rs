@@ -23,7 +23,7 @@ mod truth;
 
 pub use error::EvaluateError;
 pub use score::ImageScore;
-pub use truth::{GroundTruth, MeasuredPixels};
+pub use truth::GroundTruth;
 
 use crate::protocol::{InfiniteDepth, Protocol};
 use score::{Predicted, Scene};
@@ -36,7 +36,7 @@ use score::{Predicted, Scene};
 /// and was not given, and an image without a pixel to score.
 pub fn evaluate(
     protocol: &Protocol,
-    truth: &GroundTruth<'_>,
+    truth: &GroundTruth,
     disparity_fraction: &[f32],
 ) -> Result<Vec<ImageScore>, EvaluateError> {
     let scene = Scene::new(protocol, truth)?;
@@ -71,7 +71,7 @@ pub fn evaluate(
 /// As for [`evaluate`].
 pub fn evaluate_depth(
     protocol: &Protocol,
-    truth: &GroundTruth<'_>,
+    truth: &GroundTruth,
     depth_m: &[f32],
 ) -> Result<Vec<ImageScore>, EvaluateError> {
     let scene = Scene::new(protocol, truth)?;

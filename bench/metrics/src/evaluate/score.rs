@@ -1,9 +1,7 @@
 //! A protocol applied to one image: choose the pixels, scale, clip, measure.
 
-use std::borrow::Cow;
-
 use super::error::EvaluateError;
-use super::truth::{GroundTruth, MeasuredPixels, check_plane, check_size};
+use super::truth::{GroundTruth, check_plane, check_size};
 use crate::metrics::{Metrics, crop_box, d1_all, depth_metrics, median};
 use crate::protocol::{Camera, Group, Grouping, LogBase, Protocol};
 
@@ -33,8 +31,7 @@ pub(super) struct Predicted {
 /// A protocol and an image that were found to fit each other.
 pub(super) struct Scene<'a> {
     protocol: &'a Protocol,
-    truth: &'a GroundTruth<'a>,
-    measured: Cow<'a, MeasuredPixels>,
+    truth: &'a GroundTruth,
     /// Focal length times baseline: depth = this / disparity in pixels.
     pub(super) focal_baseline: f64,
     /// Limits as the reference sees them beside single-precision depth.
@@ -54,7 +51,7 @@ struct Pixel {
 impl<'a> Scene<'a> {
     pub(super) fn new(
         protocol: &'a Protocol,
-        truth: &'a GroundTruth<'a>,
+        truth: &'a GroundTruth,
     ) -> Result<Self, EvaluateError> {
         let invalid = |reason| EvaluateError::Protocol {
             name: protocol.name.clone(),
@@ -73,42 +70,13 @@ impl<'a> Scene<'a> {
             name: protocol.name.clone(),
             what,
         };
-        let measured = match truth.measured {
-            Some(found) => Cow::Borrowed(found),
-            None => Cow::Owned(MeasuredPixels::find(truth)?),
-        };
-        for (plane, found) in [
-            ("depth ground truth", Some(truth.depth_m.len())),
-            (
-                "disparity ground truth",
-                truth.disparity_px.map(<[f32]>::len),
-            ),
-            ("label image", truth.labels.map(<[u8]>::len)),
-        ] {
-            let Some(found) = found else { continue };
-            check_size(plane, found, truth.width, truth.height)?;
-        }
-        if (measured.width, measured.rows.len()) != (truth.width, truth.height + 1) {
-            return Err(missing("measured pixels of this very image"));
-        }
         if protocol.grouping == Grouping::Cityscapes && truth.labels.is_none() {
             return Err(missing("an image of Cityscapes labels"));
         }
 
-        let width = truth.width as f64;
-        let (focal_px, baseline_m) = match protocol.camera {
-            Camera::Nominal { baseline_m } => (truth.focal_px, baseline_m),
-            Camera::Calibrated => (truth.focal_px, truth.baseline_m),
-            Camera::Agreed {
-                focal_fraction,
-                baseline_m,
-            } => (focal_fraction * width, baseline_m),
-            // One metre for a disparity of the whole width: the scale is the median's anyway.
-            Camera::Unknown if protocol.median_scaling => (width, 1.0),
-            Camera::Unknown => {
-                return Err(invalid("it has no camera, so it needs median scaling"));
-            }
-        };
+        if protocol.camera == Camera::Unknown && !protocol.median_scaling {
+            return Err(invalid("it has no camera, so it needs median scaling"));
+        }
         // The depth plane of stereo ground truth was made with the nominal baseline.
         if protocol.camera == Camera::Calibrated
             && protocol.ground_truth.is_stereo()
@@ -116,21 +84,11 @@ impl<'a> Scene<'a> {
         {
             return Err(missing("ground truth as disparity"));
         }
-        let focal_baseline = focal_px * baseline_m;
-        for (what, value) in [
-            ("focal length in pixels", focal_px),
-            ("baseline in metres", baseline_m),
-            ("product of focal length and baseline", focal_baseline),
-        ] {
-            if !(value > 0.0 && (value as f32).is_normal()) {
-                return Err(EvaluateError::CameraValue { what, value });
-            }
-        }
+        let camera = protocol.camera.resolve(&truth.camera, truth.width)?;
         Ok(Self {
             protocol,
             truth,
-            measured,
-            focal_baseline,
+            focal_baseline: camera.focal_px * camera.baseline_m,
             min_depth_m,
             max_depth_m,
         })
@@ -160,9 +118,9 @@ impl<'a> Scene<'a> {
     /// What was measured, 0 where nothing was, and whether it is disparity in pixels rather than
     /// depth in metres.
     fn measured_plane(&self) -> (&'a [f32], bool) {
-        match self.truth.disparity_px {
+        match &self.truth.disparity_px {
             Some(disparity_px) if self.protocol.ground_truth.is_stereo() => (disparity_px, true),
-            _ => (self.truth.depth_m, false),
+            _ => (&self.truth.depth_m, false),
         }
     }
 
@@ -195,8 +153,8 @@ impl<'a> Scene<'a> {
     ) -> Result<Vec<ImageScore>, EvaluateError> {
         let (protocol, truth) = (self.protocol, self.truth);
         let crop = crop_box(protocol.crop, truth.width, truth.height);
-        let mut pixels = Vec::with_capacity(self.measured.places.len());
-        for index in self.measured.within(crop) {
+        let mut pixels = Vec::with_capacity(truth.measured.len());
+        for index in truth.within(crop) {
             let Some(truth_m) = self.truth_m(index) else {
                 continue;
             };
@@ -205,15 +163,19 @@ impl<'a> Scene<'a> {
                 truth_m,
                 predicted_m: predicted.depth_m,
                 disparity_px: (
-                    truth.disparity_px.map_or(0.0, |plane| plane[index]),
+                    truth
+                        .disparity_px
+                        .as_ref()
+                        .map_or(0.0, |plane| plane[index]),
                     predicted.disparity_px,
                 ),
                 floored: predicted.floored,
                 group: match protocol.grouping {
                     Grouping::None => None,
-                    Grouping::Cityscapes => {
-                        truth.labels.and_then(|ids| Group::of_label(ids[index]))
-                    }
+                    Grouping::Cityscapes => truth
+                        .labels
+                        .as_ref()
+                        .and_then(|ids| Group::of_label(ids[index])),
                     Grouping::Distance => Group::of_depth(truth_m),
                 },
             });

@@ -1,9 +1,61 @@
 use proptest::prelude::*;
 
-use super::*;
+use super::{EvaluateError, GroundTruth, ImageScore};
 use crate::flip::flip_blend;
 use crate::metrics::{Metric, Metrics};
-use crate::protocol::{Camera, Crop, Group, LogBase, protocol};
+use crate::protocol::{
+    Camera, Crop, Group, InfiniteDepth, KnownCamera, LogBase, Protocol, StereoCamera, protocol,
+};
+
+/// Parts of a [`GroundTruth`], one calibration for both kinds of camera.
+#[derive(Clone)]
+struct Image {
+    width: usize,
+    height: usize,
+    depth_m: Vec<f32>,
+    disparity_px: Option<Vec<f32>>,
+    focal_px: f64,
+    baseline_m: f64,
+    labels: Option<Vec<u8>>,
+}
+
+impl Image {
+    fn truth(self) -> Result<GroundTruth, EvaluateError> {
+        let size = (self.width, self.height);
+        let camera = KnownCamera {
+            calibration: StereoCamera {
+                focal_px: self.focal_px,
+                baseline_m: self.baseline_m,
+            },
+            nominal_focal_px: Some(self.focal_px),
+        };
+        let mut truth = match self.disparity_px {
+            Some(disparity_px) => GroundTruth::stereo(size, self.depth_m, disparity_px, camera)?,
+            None => GroundTruth::new(size, self.depth_m, camera)?,
+        };
+        if let Some(labels) = self.labels {
+            truth.set_labels(labels)?;
+        }
+        Ok(truth)
+    }
+}
+
+/// Shorter: what is known is usable in nearly all tests.
+fn evaluate(
+    protocol: &Protocol,
+    image: &Image,
+    disparity_fraction: &[f32],
+) -> Result<Vec<ImageScore>, EvaluateError> {
+    super::evaluate(protocol, &image.clone().truth()?, disparity_fraction)
+}
+
+fn evaluate_depth(
+    protocol: &Protocol,
+    image: &Image,
+    depth_m: &[f32],
+) -> Result<Vec<ImageScore>, EvaluateError> {
+    super::evaluate_depth(protocol, &image.clone().truth()?, depth_m)
+}
 
 const WIDTH: usize = 1242;
 const HEIGHT: usize = 375;
@@ -113,15 +165,14 @@ fn close(found: Metrics, expected: [f64; 7]) {
 #[test]
 fn eigen_figures_of_the_oracle() {
     let fixture = fixture();
-    let truth = GroundTruth {
+    let truth = Image {
         width: WIDTH,
         height: HEIGHT,
-        depth_m: &fixture.depth_m,
+        depth_m: fixture.depth_m.clone(),
         disparity_px: None,
         focal_px: FOCAL_PX,
         baseline_m: BASELINE_M,
         labels: None,
-        measured: None,
     };
     let named = |name: &str| protocol(name).unwrap();
     let uncropped = Protocol {
@@ -166,16 +217,15 @@ fn kitti_figures_of_the_oracle() {
     let fixture = fixture();
     // Stored depth of the same pixels; the figures must come from the disparity.
     let stored: Vec<f32> = fixture.disparity_px.iter().map(|&px| px.min(1.0)).collect();
-    let truth = GroundTruth {
+    let truth = Image {
         width: WIDTH,
         height: HEIGHT,
-        depth_m: &stored,
-        disparity_px: Some(&fixture.disparity_px),
+        depth_m: stored,
+        disparity_px: Some(fixture.disparity_px.clone()),
         focal_px: FOCAL_PX,
         // Not the nominal baseline: the protocol brings its own.
         baseline_m: BASELINE_M,
         labels: None,
-        measured: None,
     };
     let scores = evaluate(&protocol("kitti2015").unwrap(), &truth, &fixture.predicted).unwrap();
     let expected = [
@@ -198,15 +248,14 @@ fn kitti_figures_of_the_oracle() {
 #[test]
 fn distances_add_up_to_the_image() {
     let fixture = fixture();
-    let truth = GroundTruth {
+    let truth = Image {
         width: WIDTH,
         height: HEIGHT,
-        depth_m: &fixture.disparity_px,
-        disparity_px: Some(&fixture.disparity_px),
+        depth_m: fixture.disparity_px.clone(),
+        disparity_px: Some(fixture.disparity_px.clone()),
         focal_px: FOCAL_PX,
         baseline_m: BASELINE_M,
         labels: None,
-        measured: None,
     };
     let score =
         |name: &str| evaluate(&protocol(name).unwrap(), &truth, &fixture.predicted).unwrap();
@@ -240,15 +289,14 @@ fn group_errors_of_the_oracle() {
         .iter()
         .map(|&id| if id == 24 || id == 25 { 0 } else { id })
         .collect();
-    let truth = |labels| GroundTruth {
+    let truth = |labels: &[u8]| Image {
         width: WIDTH,
         height: HEIGHT,
-        depth_m: &fixture.disparity_px,
-        disparity_px: Some(&fixture.disparity_px),
+        depth_m: fixture.disparity_px.clone(),
+        disparity_px: Some(fixture.disparity_px.clone()),
         focal_px: FOCAL_PX,
         baseline_m: BASELINE_M,
-        labels: Some(labels),
-        measured: None,
+        labels: Some(labels.to_vec()),
     };
     let semantic = protocol("semantic").unwrap();
     let mut scores = evaluate(&semantic, &truth(&labels), &fixture.predicted).unwrap();
@@ -330,16 +378,15 @@ fn flip_blending_of_the_oracle() {
 /// A 2 x 2 image with depths 10, 20, 90 m and a pixel without.
 const DEPTH_M: [f32; 4] = [10.0, 20.0, 90.0, 0.0];
 
-fn small<'a>() -> GroundTruth<'a> {
-    GroundTruth {
+fn small() -> Image {
+    Image {
         width: 2,
         height: 2,
-        depth_m: &DEPTH_M,
+        depth_m: DEPTH_M.to_vec(),
         disparity_px: None,
         focal_px: 100.0,
         baseline_m: 0.5,
         labels: None,
-        measured: None,
     }
 }
 
@@ -370,8 +417,8 @@ fn mask_and_clip_by_hand() {
 #[test]
 fn limits_of_the_mask_are_outside_unless_comparisons_are_loose() {
     let depth_m = [10.0, 50.0, 1.0, 0.0];
-    let truth = GroundTruth {
-        depth_m: &depth_m,
+    let truth = Image {
+        depth_m: depth_m.to_vec(),
         ..small()
     };
     let strict = uncropped("eigen-50-min1");
@@ -435,19 +482,18 @@ fn ten_percent_too_far_is_ten_percent_under_every_protocol() {
     let depth_m: Vec<f32> = (0..64 * 32).map(|i| 5.0 + (i % 37) as f32).collect();
     let labels: Vec<u8> = (0..64 * 32).map(|i| [7, 24, 26, 11, 17][i % 5]).collect();
     for known in crate::protocol::protocols() {
-        let truth = GroundTruth {
+        let truth = Image {
             width: 64,
             height: 32,
-            depth_m: &depth_m,
+            depth_m: depth_m.to_vec(),
             disparity_px: None,
             focal_px: 100.0,
             baseline_m: 0.5,
-            labels: Some(&labels),
-            measured: None,
+            labels: Some(labels.to_vec()),
         };
         let disparity_px: Vec<f32> = depth_m.iter().map(|depth| 54.0 / depth).collect();
-        let truth = GroundTruth {
-            disparity_px: known.ground_truth.is_stereo().then_some(&disparity_px[..]),
+        let truth = Image {
+            disparity_px: known.ground_truth.is_stereo().then(|| disparity_px.clone()),
             ..truth
         };
         for factor in [1.0, 1.1] {
@@ -456,7 +502,7 @@ fn ten_percent_too_far_is_ten_percent_under_every_protocol() {
                 _ => truth.baseline_m,
             };
             // What the protocol itself takes for the truth.
-            let predicted: Vec<f32> = match truth.disparity_px {
+            let predicted: Vec<f32> = match &truth.disparity_px {
                 Some(plane) => plane
                     .iter()
                     .map(|d| (100.0 * baseline / f64::from(*d) * factor) as f32)
@@ -491,8 +537,8 @@ fn ten_percent_too_far_is_ten_percent_under_every_protocol() {
 #[test]
 fn make3d_by_hand() {
     let depth_m = [10.0, 20.0, 60.0, 71.0];
-    let truth = GroundTruth {
-        depth_m: &depth_m,
+    let truth = Image {
+        depth_m: depth_m.to_vec(),
         focal_px: 0.0,
         baseline_m: 0.0,
         ..small()
@@ -515,8 +561,8 @@ fn an_agreed_camera_overrides_the_calibration() {
         ..protocol("eigen-monodepth2").unwrap()
     };
     let depth_m = [10.44_f32, 0.0, 0.0, 0.0];
-    let truth = GroundTruth {
-        depth_m: &depth_m,
+    let truth = Image {
+        depth_m: depth_m.to_vec(),
         focal_px: f64::NAN,
         baseline_m: 3.0,
         ..small()
@@ -530,8 +576,8 @@ fn depth_and_disparity_of_the_same_scene_score_alike() {
     let disparities = [2.0, 1.0, 0.5, 3.0];
     let depths = disparities.map(|fraction: f32| 50.0 / (2.0 * fraction));
     let disparity_px = [5.0, 2.5, 0.625, 0.0];
-    let truth = GroundTruth {
-        disparity_px: Some(&disparity_px),
+    let truth = Image {
+        disparity_px: Some(disparity_px.to_vec()),
         ..small()
     };
     for protocol in [
@@ -564,8 +610,8 @@ fn bad_values_are_errors_that_name_the_place() {
         let error = evaluate_depth(&eigen, &small(), &[0.1, 0.1, bad, 0.1]).unwrap_err();
         assert!(error.to_string().contains("depth at row 1, column 0"));
         let depth_m = [1.0, bad, 1.0, 1.0];
-        let truth = GroundTruth {
-            depth_m: &depth_m,
+        let truth = Image {
+            depth_m: depth_m.to_vec(),
             ..small()
         };
         let error = evaluate(&eigen, &truth, &[0.1; 4]).unwrap_err();
@@ -582,7 +628,7 @@ fn bad_values_are_errors_that_name_the_place() {
         );
     }
     for focal_px in [0.0, f64::NAN, -1.0] {
-        let truth = GroundTruth {
+        let truth = Image {
             focal_px,
             ..small()
         };
@@ -603,8 +649,8 @@ fn bad_values_are_errors_that_name_the_place() {
 #[test]
 fn an_image_without_a_pixel_to_score_gets_no_score() {
     let depth_m = [0.0, 90.0, 0.0, 0.0];
-    let truth = GroundTruth {
-        depth_m: &depth_m,
+    let truth = Image {
+        depth_m: depth_m.to_vec(),
         ..small()
     };
     let error = evaluate(&uncropped("eigen-80"), &truth, &[0.1; 4]).unwrap_err();
@@ -613,8 +659,8 @@ fn an_image_without_a_pixel_to_score_gets_no_score() {
         "{error}"
     );
     let labels = [23, 23, 0, 7];
-    let truth = GroundTruth {
-        labels: Some(&labels),
+    let truth = Image {
+        labels: Some(labels.to_vec()),
         ..small()
     };
     let semantic = protocol("semantic").unwrap();
@@ -659,16 +705,15 @@ proptest! {
         let count = 72 / width * width;
         let depth_m: Vec<f32> = planes[..count].iter().map(|p| p[0] * 60.0).collect();
         let disparity_px: Vec<f32> = planes[..count].iter().map(|p| p[0]).collect();
-        let truth = GroundTruth {
+        let truth = Image {
             width,
             height: count / width,
-            depth_m: &depth_m,
-            disparity_px: protocol.ground_truth.is_stereo().then_some(&disparity_px[..]),
+            depth_m: depth_m.to_vec(),
+            disparity_px: protocol.ground_truth.is_stereo().then(|| disparity_px.clone()),
             focal_px: 700.0,
             baseline_m: 0.5,
-            labels: Some(&labels[..count]),
-            measured: None,
-        };
+            labels: Some(labels[..count].to_vec()),
+                };
         let predicted: Vec<f32> = planes[..count].iter().map(|p| p[1]).collect();
         for scores in [
             evaluate(&protocol, &truth, &predicted),
@@ -689,7 +734,7 @@ proptest! {
         depths in proptest::collection::vec([1.0_f32..79.0, 1.0_f32..79.0], 4),
     ) {
         let depth_m: Vec<f32> = depths.iter().map(|d| d[0]).collect();
-        let truth = GroundTruth { depth_m: &depth_m, ..small() };
+        let truth = Image { depth_m: depth_m.to_vec(), ..small() };
         let score = |unit: f32| {
             let predicted: Vec<f32> = depths.iter().map(|d| d[1] * unit).collect();
             evaluate_depth(&uncropped("eigen-80-median"), &truth, &predicted)

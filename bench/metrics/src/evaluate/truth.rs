@@ -2,54 +2,63 @@
 
 use super::error::EvaluateError;
 use crate::metrics::CropBox;
+use crate::protocol::KnownCamera;
 
-/// What is known of an image, row-major planes of `width * height` values.
-#[derive(Clone, Copy, Debug)]
-pub struct GroundTruth<'a> {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// Depth in metres, 0 where there is none.
-    pub depth_m: &'a [f32],
-    /// Disparity in pixels, 0 where there is none. For stereo ground truth: depth is then
-    /// computed from it in double precision, and it is what D1-all needs.
-    pub disparity_px: Option<&'a [f32]>,
-    /// Focal length in pixels of this image: the nominal one for a protocol with a nominal
-    /// camera, that of the calibration otherwise; of no matter where the protocol brings its
-    /// own camera or none.
-    pub focal_px: f64,
-    /// Baseline in metres from the calibration. A protocol with a nominal camera brings its
-    /// own and does not look at this one.
-    pub baseline_m: f64,
-    /// Cityscapes label ids, for protocols with groups.
-    pub labels: Option<&'a [u8]>,
-    /// Where `depth_m` and `disparity_px` have something, if it was found before: worthwhile where
-    /// several protocols look at the same planes.
-    pub measured: Option<&'a MeasuredPixels>,
-}
-
-/// The pixels of an image that have ground truth, and that its planes hold nothing but usable
-/// numbers.
+/// What is known of an image: row-major planes, of which each value was looked at once.
+///
+/// Several protocols look at the same planes, so where something was measured is found when the
+/// planes come in.
 #[derive(Clone, Debug)]
-pub struct MeasuredPixels {
+pub struct GroundTruth {
     pub(super) width: usize,
-    /// Row-major places in ascending order.
-    pub(super) places: Vec<u32>,
-    /// Where each row begins in `places`, and the end.
-    pub(super) rows: Vec<usize>,
+    pub(super) height: usize,
+    /// Depth in metres, 0 where there is none.
+    pub(super) depth_m: Vec<f32>,
+    pub(super) disparity_px: Option<Vec<f32>>,
+    pub(super) labels: Option<Vec<u8>>,
+    pub(super) camera: KnownCamera,
+    /// Row-major indices of the pixels with ground truth, in ascending order.
+    pub(super) measured: Vec<u32>,
+    /// Where each row begins in `measured`, and the end.
+    rows: Vec<usize>,
 }
 
-impl MeasuredPixels {
-    /// Looks for them.
+impl GroundTruth {
+    /// Depth in metres at `size` (columns, rows), 0 where there is none.
     ///
     /// # Errors
-    /// Planes of wrong size, and values that are negative or not finite.
-    pub fn find(truth: &GroundTruth<'_>) -> Result<Self, EvaluateError> {
-        let (width, height) = (truth.width, truth.height);
+    /// A plane of wrong size, and values that are negative or not finite.
+    pub fn new(
+        size: (usize, usize),
+        depth_m: Vec<f32>,
+        camera: KnownCamera,
+    ) -> Result<Self, EvaluateError> {
+        Self::of_planes(size, depth_m, None, camera)
+    }
+
+    /// The same with disparity in pixels, 0 where there is none: stereo ground truth, whose depth
+    /// is computed from it in double precision, and what D1-all needs.
+    ///
+    /// # Errors
+    /// As for [`GroundTruth::new`].
+    pub fn stereo(
+        size: (usize, usize),
+        depth_m: Vec<f32>,
+        disparity_px: Vec<f32>,
+        camera: KnownCamera,
+    ) -> Result<Self, EvaluateError> {
+        Self::of_planes(size, depth_m, Some(disparity_px), camera)
+    }
+
+    fn of_planes(
+        (width, height): (usize, usize),
+        depth_m: Vec<f32>,
+        disparity_px: Option<Vec<f32>>,
+        camera: KnownCamera,
+    ) -> Result<Self, EvaluateError> {
         for (plane, what, values) in [
-            ("depth ground truth", "depth", Some(truth.depth_m)),
-            ("disparity ground truth", "disparity", truth.disparity_px),
+            ("depth ground truth", "depth", Some(&depth_m)),
+            ("disparity ground truth", "disparity", disparity_px.as_ref()),
         ] {
             let Some(values) = values else { continue };
             check_size(plane, values.len(), width, height)?;
@@ -61,57 +70,96 @@ impl MeasuredPixels {
             })?;
         }
         // As many as a scan has, so that the list does not move while it grows.
-        let mut places = Vec::with_capacity(truth.depth_m.len() / 16);
+        let mut measured = Vec::with_capacity(depth_m.len() / 16);
         let mut rows = Vec::with_capacity(height + 1);
         rows.push(0);
         for row in 0..height {
             let own = row * width..(row + 1) * width;
-            match truth.disparity_px {
-                None => find_in_row(&truth.depth_m[own.clone()], own.start, &mut places),
+            match &disparity_px {
+                None => find_in_row(&depth_m[own.clone()], own.start, &mut measured),
                 // What has only one of the two is some protocol's ground truth as well.
-                Some(disparity_px) => places.extend(
-                    own.filter(|&place| truth.depth_m[place] != 0.0 || disparity_px[place] != 0.0)
-                        .map(|place| place as u32),
+                Some(disparity_px) => measured.extend(
+                    own.filter(|&index| depth_m[index] != 0.0 || disparity_px[index] != 0.0)
+                        .map(|index| index as u32),
                 ),
             }
-            rows.push(places.len());
+            rows.push(measured.len());
         }
         Ok(Self {
             width,
-            places,
+            height,
+            depth_m,
+            disparity_px,
+            labels: None,
+            camera,
+            measured,
             rows,
         })
     }
 
-    /// Those within a part of the image, row by row.
+    /// Adds Cityscapes label ids, for protocols with groups.
+    ///
+    /// # Errors
+    /// A plane of wrong size.
+    pub fn set_labels(&mut self, labels: Vec<u8>) -> Result<(), EvaluateError> {
+        check_size("label image", labels.len(), self.width, self.height)?;
+        self.labels = Some(labels);
+        Ok(())
+    }
+
+    /// Whether labels were added.
+    #[must_use]
+    pub fn has_labels(&self) -> bool {
+        self.labels.is_some()
+    }
+
+    /// Columns and rows.
+    #[must_use]
+    pub fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
+    /// Depth in metres, 0 where there is none.
+    #[must_use]
+    pub fn depth_m(&self) -> &[f32] {
+        &self.depth_m
+    }
+
+    /// What is known of the camera.
+    #[must_use]
+    pub fn camera(&self) -> &KnownCamera {
+        &self.camera
+    }
+
+    /// Indices of measured pixels within a part of the image, row by row.
     pub(super) fn within(&self, crop: CropBox) -> impl Iterator<Item = usize> {
         (crop.top..crop.bottom).flat_map(move |row| {
-            let own = &self.places[self.rows[row]..self.rows[row + 1]];
+            let own = &self.measured[self.rows[row]..self.rows[row + 1]];
             let before = |column: usize| {
                 let end = row * self.width + column;
-                own.partition_point(|&place| (place as usize) < end)
+                own.partition_point(|&index| (index as usize) < end)
             };
             own[before(crop.left)..before(crop.right)]
                 .iter()
-                .map(|&place| place as usize)
+                .map(|&index| index as usize)
         })
     }
 }
 
 /// Nineteen of twenty pixels of a scan have nothing, most of them in runs: finding the others is
-/// what takes time. Within a piece their places are gathered without a branch, since no processor
+/// what takes time. Within a piece their indices are gathered without a branch, since no processor
 /// can foresee them.
 fn find_in_row(row: &[f32], start: usize, found: &mut Vec<u32>) {
     for (start, piece) in (start..).step_by(PIECE).zip(row.chunks(PIECE)) {
         if piece.iter().fold(0, |all, value| all | value.to_bits()) == 0 {
             continue;
         }
-        let (mut places, mut count) = ([0; PIECE], 0);
-        for (place, value) in piece.iter().enumerate() {
-            places[count % PIECE] = (start + place) as u32;
+        let (mut indices, mut count) = ([0; PIECE], 0);
+        for (index, value) in piece.iter().enumerate() {
+            indices[count % PIECE] = (start + index) as u32;
             count += usize::from(*value != 0.0);
         }
-        found.extend_from_slice(&places[..count]);
+        found.extend_from_slice(&indices[..count]);
     }
 }
 

@@ -24,7 +24,7 @@ mod rules;
 mod tests;
 mod text;
 
-pub use camera::Camera;
+pub use camera::{Camera, CameraError, KnownCamera, StereoCamera};
 pub use choices::{Crop, D1Rule, GroundTruthKind, InfiniteDepth, LogBase, PostProcessing, Resize};
 pub use group::{Group, Grouping, UnknownGroup};
 pub(crate) use name::canonical;

@@ -118,6 +118,16 @@ impl Protocol {
                     .to_owned(),
             );
         }
+        if self.ground_truth == GroundTruthKind::Laser
+            && self.camera == Camera::Calibrated
+            && !self.median_scaling
+        {
+            return Err(
+                "the laser's grid has other columns than the image whose calibration it would \
+                 take, so it needs `median_scaling: true` or another camera"
+                    .to_owned(),
+            );
+        }
         if self.d1_rule.is_some() && !self.ground_truth.is_stereo() {
             return Err("D1-all needs ground truth that is disparity".to_owned());
         }

@@ -196,6 +196,10 @@ fn contradictions_are_found() {
             ..eigen()
         },
         Protocol {
+            ground_truth: GroundTruthKind::Laser,
+            ..eigen()
+        },
+        Protocol {
             d1_rule: Some(D1Rule::Strict),
             ..eigen()
         },
