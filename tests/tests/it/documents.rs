@@ -248,6 +248,45 @@ fn links_lead_to_files() {
     }
 }
 
+/// A table of ARCHITECTURE.md that begins with a folder has a line for each folder in it, and no other.
+#[test]
+fn every_room_has_its_line() {
+    let text = std::fs::read_to_string(root().join("ARCHITECTURE.md")).expect("ARCHITECTURE.md");
+    let mut tables = 0;
+    for table in text
+        .split("\n\n")
+        .filter(|block| block.starts_with("| `") && block.contains("/` | |"))
+    {
+        let spans = |line: &str| -> Vec<String> {
+            let cell = line.split('|').nth(1).unwrap_or_default();
+            cell.split('`')
+                .skip(1)
+                .step_by(2)
+                .map(str::to_owned)
+                .collect()
+        };
+        let base = root().join(&spans(table)[0]);
+        let named: Vec<String> = table.lines().skip(2).flat_map(spans).collect();
+        for name in &named {
+            assert!(base.join(name).exists(), "{} has no {name}", base.display());
+        }
+        for entry in std::fs::read_dir(&base)
+            .expect("a folder")
+            .map(|entry| entry.expect("an entry"))
+        {
+            let name = format!("{}/", entry.file_name().to_string_lossy());
+            let is_room = entry.path().is_dir();
+            assert!(
+                !is_room || named.contains(&name),
+                "{name} of {} has no line",
+                base.display()
+            );
+        }
+        tables += 1;
+    }
+    assert_eq!(tables, 4, "prep, train, bench and metrics");
+}
+
 #[test]
 fn messages_in_the_guide_to_wrong_numbers_are_those_of_the_code() {
     let joined = |text: &str| {
