@@ -411,21 +411,22 @@ fn bilinear_rgb(image: &RgbImage, width: u32, height: u32) -> RgbImage {
 }
 
 fn lanczos_rgb(image: &RgbImage, width: u32, height: u32) -> RgbImage {
-    let pixels = fir::PixelType::U8x3;
-    let source = fir::images::Image::from_vec_u8(
-        image.width(),
-        image.height(),
-        image.as_raw().clone(),
-        pixels,
-    )
-    .expect("an RGB image has three bytes a pixel");
-    let mut target = fir::images::Image::new(width, height, pixels);
+    // Images whose type of pixel is known only when it runs would compile the loops of all types,
+    // which takes a minute and a half.
+    use fir::images::{TypedImage, TypedImageRef};
+    use fir::pixels::U8x3;
+
+    let source = TypedImageRef::<U8x3>::from_buffer(image.width(), image.height(), image.as_raw())
+        .expect("an RGB image has three bytes a pixel");
+    let mut target = RgbImage::new(width, height);
+    let mut view = TypedImage::<U8x3>::from_buffer(width, height, &mut target)
+        .expect("an RGB image has three bytes a pixel");
     let options = fir::ResizeOptions::new()
         .resize_alg(fir::ResizeAlg::Convolution(fir::FilterType::Lanczos3));
     fir::Resizer::new()
-        .resize(&source, &mut target, &options)
-        .expect("both images are RGB and have pixels");
-    RgbImage::from_raw(width, height, target.into_vec()).expect("one value per pixel and channel")
+        .resize_typed(&source, &mut view, &options)
+        .expect("both images have pixels");
+    target
 }
 
 fn to_byte(value: f32) -> u8 {
