@@ -43,11 +43,42 @@ def wilcoxon_normal(differences):
     return math.erfc(abs(z) / math.sqrt(2))
 
 
-def cluster_mean(values, clusters):
-    """Mean over images, its cluster-robust standard error, and the number of clusters."""
-    values, clusters = np.asarray(values, float), np.asarray(clusters)
-    names = np.unique(clusters)
-    mean = values.mean()
-    residuals = np.array([(values[clusters == name] - mean).sum() for name in names])
-    k = names.size
-    return float(mean), math.sqrt(k / (k - 1) * residuals @ residuals) / values.size, k
+def student_t(degrees, level=0.95):
+    """The bound that Student's t stays within with probability `level`, from its density."""
+    scale = math.exp(math.lgamma((degrees + 1) / 2) - math.lgamma(degrees / 2)) / math.sqrt(degrees * math.pi)
+    # t = tan(angle): the tails are as near as the middle.
+    angle = np.linspace(0, np.pi / 2, 2_000_001)[:-1]
+    density = scale * (1 + np.tan(angle) ** 2 / degrees) ** (-(degrees + 1) / 2) / np.cos(angle) ** 2
+    inside = np.concatenate([[0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(angle))])
+    return math.tan(np.interp(level / 2, inside, angle))
+
+
+def degrees_of_freedom(counts):
+    """Bell and McCaffrey's for the jackknife's variance of a mean over clusters of these sizes.
+
+    The variance is a sum of squares of linear forms of independent images, one form a cluster: the
+    residuals of the cluster, each over one minus the cluster's share.
+    """
+    counts = np.asarray(counts, float)
+    total = counts.sum()
+    # Forms as columns, rows standing for all images of a cluster at once.
+    forms = (np.eye(counts.size) - counts / total) / (1 - counts / total)
+    products = forms.T @ np.diag(counts) @ forms
+    return float(np.trace(products) ** 2 / np.sum(products**2))
+
+
+def interval(sums, counts, kind):
+    """95 % interval of the ratio of the totals over clusters; `kind` is any, positive or fraction."""
+    sums, counts = np.asarray(sums, float), np.asarray(counts, float)
+    ratio = sums.sum() / counts.sum()
+    without = (sums.sum() - sums) / (counts.sum() - counts)
+    error = math.sqrt((sums.size - 1) / sums.size * np.sum((without - ratio) ** 2))
+    half = student_t(degrees_of_freedom(counts)) * error
+    if half == 0 or (kind == "fraction" and not 0 < ratio < 1):
+        return ratio, ratio
+    if kind == "any":
+        return ratio - half, ratio + half
+    if kind == "positive":
+        return ratio * math.exp(-half / ratio), ratio * math.exp(half / ratio)
+    logit, step = math.log(ratio / (1 - ratio)), half / (ratio * (1 - ratio))
+    return 1 / (1 + math.exp(step - logit)), 1 / (1 + math.exp(-step - logit))
