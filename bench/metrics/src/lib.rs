@@ -55,7 +55,10 @@ pub mod tables;
 mod thesis;
 
 pub use columns::CsvError;
-pub use evaluate::{EvaluateError, GroundTruth, ImageScore, evaluate, evaluate_depth};
+pub use evaluate::{
+    Compared, ComparedPixel, EvaluateError, GroundTruth, ImageScore, Prediction, evaluate,
+    evaluate_depth, evaluate_with_pixels,
+};
 pub use flip::flip_blend;
 pub use metrics::{CropBox, Metric, Metrics, crop_box, d1_all, depth_metrics, median};
 pub use protocol::{

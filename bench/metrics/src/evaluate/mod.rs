@@ -22,11 +22,21 @@ mod tests;
 mod truth;
 
 pub use error::EvaluateError;
-pub use score::ImageScore;
+pub use score::{Compared, ComparedPixel, ImageScore};
 pub use truth::GroundTruth;
 
-use crate::protocol::{InfiniteDepth, Protocol};
-use score::{Predicted, Scene};
+use crate::protocol::Protocol;
+use score::{Predicted, Scene, Scored};
+
+/// A prediction at the size of the ground truth, row-major.
+#[derive(Clone, Copy, Debug)]
+pub enum Prediction<'a> {
+    /// Disparity as a fraction of image width.
+    DisparityFraction(&'a [f32]),
+    /// Depth in metres: for models that do not predict disparity, and for baselines such as a
+    /// constant map. A depth of 0 ends at the near limit; the floor of the protocol does not apply.
+    DepthM(&'a [f32]),
+}
 
 /// Scores a predicted disparity, given as a fraction of image width at the size of the ground
 /// truth. Returns one score, or one per group that occurs in the image, in table order.
@@ -40,32 +50,12 @@ pub fn evaluate(
     disparity_fraction: &[f32],
 ) -> Result<Vec<ImageScore>, EvaluateError> {
     let scene = Scene::new(protocol, truth)?;
-    scene.check_prediction("disparity", disparity_fraction)?;
-    let floor = protocol.disparity_floor_fraction as f32;
-    let width = truth.width as f32;
-    let focal_baseline = scene.focal_baseline as f32;
-    let infinite = match protocol.infinite_depth {
-        InfiniteDepth::FarLimit => f32::INFINITY,
-        InfiniteDepth::NearLimit => 0.0,
-    };
-    scene.score(|index| {
-        let disparity_px = width * disparity_fraction[index].max(floor);
-        let depth_m = focal_baseline / disparity_px;
-        Predicted {
-            depth_m: if depth_m.is_infinite() {
-                infinite
-            } else {
-                depth_m
-            },
-            disparity_px,
-            floored: disparity_fraction[index] < floor,
-        }
-    })
+    let prediction = Prediction::DisparityFraction(disparity_fraction);
+    Ok(score(&scene, prediction)?.scores)
 }
 
-/// Scores a predicted depth in metres at the size of the ground truth: for models that do not
-/// predict disparity, and for baselines such as a constant map. A depth of 0 ends at the
-/// near limit. The floor of the protocol does not apply.
+/// Scores a predicted depth in metres at the size of the ground truth; see
+/// [`Prediction::DepthM`].
 ///
 /// # Errors
 /// As for [`evaluate`].
@@ -75,10 +65,42 @@ pub fn evaluate_depth(
     depth_m: &[f32],
 ) -> Result<Vec<ImageScore>, EvaluateError> {
     let scene = Scene::new(protocol, truth)?;
-    scene.check_prediction("depth", depth_m)?;
-    scene.score(|index| Predicted {
-        depth_m: depth_m[index],
-        disparity_px: (scene.focal_baseline / f64::from(depth_m[index])) as f32,
-        floored: false,
+    Ok(score(&scene, Prediction::DepthM(depth_m))?.scores)
+}
+
+/// Scores a prediction as [`evaluate`] and [`evaluate_depth`] do, and hands out what was compared.
+///
+/// # Errors
+/// As for [`evaluate`].
+pub fn evaluate_with_pixels(
+    protocol: &Protocol,
+    truth: &GroundTruth,
+    prediction: Prediction<'_>,
+) -> Result<(Vec<ImageScore>, Compared), EvaluateError> {
+    let scene = Scene::new(protocol, truth)?;
+    let scored = score(&scene, prediction)?;
+    Ok(match prediction {
+        Prediction::DisparityFraction(fraction) => {
+            let depth_m = fraction.iter().map(|&d| scene.of_disparity(d).depth_m);
+            scored.with_pixels(&scene, depth_m)
+        }
+        Prediction::DepthM(depth_m) => scored.with_pixels(&scene, depth_m.iter().copied()),
     })
+}
+
+fn score(scene: &Scene<'_>, prediction: Prediction<'_>) -> Result<Scored, EvaluateError> {
+    match prediction {
+        Prediction::DisparityFraction(fraction) => {
+            scene.check_prediction("disparity", fraction)?;
+            scene.score(|index| scene.of_disparity(fraction[index]))
+        }
+        Prediction::DepthM(depth_m) => {
+            scene.check_prediction("depth", depth_m)?;
+            scene.score(|index| Predicted {
+                depth_m: depth_m[index],
+                disparity_px: (scene.focal_baseline / f64::from(depth_m[index])) as f32,
+                floored: false,
+            })
+        }
+    }
 }

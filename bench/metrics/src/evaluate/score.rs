@@ -3,7 +3,7 @@
 use super::error::EvaluateError;
 use super::truth::{GroundTruth, check_plane, check_size};
 use crate::metrics::{Metrics, crop_box, d1_all, depth_metrics, median};
-use crate::protocol::{Camera, Group, Grouping, LogBase, Protocol};
+use crate::protocol::{Camera, Group, Grouping, InfiniteDepth, LogBase, Protocol};
 
 /// Score of one image, or of one group of pixels in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +20,68 @@ pub struct ImageScore {
     pub pixels: u64,
     /// Scored pixels whose disparity was raised to the floor.
     pub floored_pixels: u64,
+}
+
+/// What one prediction was compared with, and how: what a picture of its error must show.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Compared {
+    /// Columns of the ground truth.
+    pub width: usize,
+    /// Rows of the ground truth.
+    pub height: usize,
+    /// What predicted depth was multiplied by (median scaling); 1 without.
+    pub scale: f64,
+    /// Scaled depth was clipped to this, in metres.
+    pub limits_m: (f64, f64),
+    /// The scored pixels, row by row; under a protocol with groups those of any group.
+    pub pixels: Vec<ComparedPixel>,
+    /// The whole prediction as depth in metres, scaled and clipped like the scored pixels.
+    pub predicted_m: Vec<f32>,
+}
+
+/// A scored pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ComparedPixel {
+    /// Row-major position within the ground truth.
+    pub index: usize,
+    /// True depth in metres.
+    pub truth_m: f64,
+    /// Predicted depth in metres, scaled and clipped.
+    pub predicted_m: f64,
+}
+
+/// Scores with the pixels behind them.
+pub(super) struct Scored {
+    pub(super) scores: Vec<ImageScore>,
+    pixels: Vec<Pixel>,
+    scale: Option<f64>,
+}
+
+impl Scored {
+    /// The scores, and what was compared; `depth_m` is the whole prediction.
+    pub(super) fn with_pixels(
+        self,
+        scene: &Scene<'_>,
+        depth_m: impl Iterator<Item = f32>,
+    ) -> (Vec<ImageScore>, Compared) {
+        let is_grouped = scene.protocol.grouping != Grouping::None;
+        let scored_m = |depth_m| scene.scored_m(depth_m, self.scale);
+        let of_pixel = |pixel: &Pixel| ComparedPixel {
+            index: pixel.index,
+            truth_m: pixel.truth_m,
+            predicted_m: scored_m(pixel.predicted_m),
+        };
+        let scored = |pixel: &&Pixel| !is_grouped || pixel.group.is_some();
+        let compared = Compared {
+            width: scene.truth.width,
+            height: scene.truth.height,
+            scale: self.scale.unwrap_or(1.0),
+            limits_m: (f64::from(scene.min_depth_m), f64::from(scene.max_depth_m)),
+            pixels: self.pixels.iter().filter(scored).map(of_pixel).collect(),
+            predicted_m: depth_m.map(|depth_m| scored_m(depth_m) as f32).collect(),
+        };
+        (self.scores, compared)
+    }
 }
 
 pub(super) struct Predicted {
@@ -40,6 +102,7 @@ pub(super) struct Scene<'a> {
 }
 
 struct Pixel {
+    index: usize,
     truth_m: f64,
     predicted_m: f32,
     /// True and predicted disparity in pixels.
@@ -115,6 +178,26 @@ impl<'a> Scene<'a> {
         })
     }
 
+    /// A disparity, a fraction of the width, as depth; see the precision above.
+    pub(super) fn of_disparity(&self, fraction: f32) -> Predicted {
+        let floor = self.protocol.disparity_floor_fraction as f32;
+        let disparity_px = self.truth.width as f32 * fraction.max(floor);
+        let depth_m = self.focal_baseline as f32 / disparity_px;
+        let infinite = match self.protocol.infinite_depth {
+            InfiniteDepth::FarLimit => f32::INFINITY,
+            InfiniteDepth::NearLimit => 0.0,
+        };
+        Predicted {
+            depth_m: if depth_m.is_infinite() {
+                infinite
+            } else {
+                depth_m
+            },
+            disparity_px,
+            floored: fraction < floor,
+        }
+    }
+
     /// What was measured, 0 where nothing was, and whether it is disparity in pixels rather than
     /// depth in metres.
     fn measured_plane(&self) -> (&'a [f32], bool) {
@@ -150,7 +233,7 @@ impl<'a> Scene<'a> {
     pub(super) fn score(
         &self,
         predict: impl Fn(usize) -> Predicted,
-    ) -> Result<Vec<ImageScore>, EvaluateError> {
+    ) -> Result<Scored, EvaluateError> {
         let (protocol, truth) = (self.protocol, self.truth);
         let crop = crop_box(protocol.crop, truth.width, truth.height);
         let mut pixels = Vec::with_capacity(truth.measured.len());
@@ -160,6 +243,7 @@ impl<'a> Scene<'a> {
             };
             let predicted = predict(index);
             pixels.push(Pixel {
+                index,
                 truth_m,
                 predicted_m: predicted.depth_m,
                 disparity_px: (
@@ -206,7 +290,17 @@ impl<'a> Scene<'a> {
                 with_truth: truth.depth_m.iter().filter(|&&depth| depth > 0.0).count(),
             });
         }
-        Ok(scores)
+        Ok(Scored {
+            scores,
+            pixels,
+            scale,
+        })
+    }
+
+    /// A prediction as it is compared: scaled, then clipped.
+    fn scored_m(&self, depth_m: f32, scale: Option<f64>) -> f64 {
+        let scaled = f64::from(depth_m) * scale.unwrap_or(1.0);
+        scaled.clamp(f64::from(self.min_depth_m), f64::from(self.max_depth_m))
     }
 
     /// median(true) / median(predicted) over all scored pixels; `None` without pixels.
@@ -228,11 +322,8 @@ impl<'a> Scene<'a> {
         pixels: impl Iterator<Item = &'p Pixel> + Clone,
         scale: Option<f64>,
     ) -> Option<ImageScore> {
-        let clipped = |pixel: &Pixel| {
-            let scaled = f64::from(pixel.predicted_m) * scale.unwrap_or(1.0);
-            scaled.clamp(f64::from(self.min_depth_m), f64::from(self.max_depth_m))
-        };
-        let pairs = pixels.clone().map(|pixel| (pixel.truth_m, clipped(pixel)));
+        let compared = |pixel: &Pixel| (pixel.truth_m, self.scored_m(pixel.predicted_m, scale));
+        let pairs = pixels.clone().map(compared);
         let (mut metrics, sum_squared_error) =
             depth_metrics(pairs, self.protocol.strict_comparisons)?;
         if self.protocol.log_base == LogBase::Ten {

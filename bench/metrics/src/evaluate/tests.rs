@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 
-use super::{EvaluateError, GroundTruth, ImageScore};
+use super::{EvaluateError, GroundTruth, ImageScore, Prediction, evaluate_with_pixels};
 use crate::flip::flip_blend;
 use crate::metrics::{Metric, Metrics};
 use crate::protocol::{
@@ -158,6 +158,56 @@ fn close(found: Metrics, expected: [f64; 7]) {
             (found - expected).abs() < 1e-6,
             "{metric:?}: {found} is not {expected}"
         );
+    }
+}
+
+/// Whatever a protocol scores, its pixels are handed out as they were compared: their mean relative
+/// error is Abs Rel, they lie within the crop (Garg's at this size, worked out by hand: rows 153 to
+/// 370, columns 44 to 1196), and their truth is the plane's own.
+#[test]
+fn the_pixels_behind_a_score_are_those_that_were_scored() {
+    let fixture = fixture();
+    let image = Image {
+        width: WIDTH,
+        height: HEIGHT,
+        depth_m: fixture.depth_m.clone(),
+        disparity_px: None,
+        focal_px: FOCAL_PX,
+        baseline_m: BASELINE_M,
+        labels: None,
+    };
+    let truth = image.clone().truth().unwrap();
+    // A model of unknown scale: three times the disparity.
+    let unscaled: Vec<f32> = fixture.predicted.iter().map(|d| 3.0 * d).collect();
+    for (name, predicted, cropped) in [
+        ("eigen-80", &fixture.predicted, true),
+        ("eigen-50", &fixture.predicted, true),
+        ("eigen-80-nocrop", &fixture.predicted, false),
+        ("eigen-80-median", &unscaled, true),
+        ("eigen-80-nocrop-median", &unscaled, false),
+    ] {
+        let protocol = protocol(name).unwrap();
+        let prediction = Prediction::DisparityFraction(predicted);
+        let (scores, compared) = evaluate_with_pixels(&protocol, &truth, prediction).unwrap();
+        assert_eq!(scores, evaluate(&protocol, &image, predicted).unwrap());
+        assert_eq!(compared.pixels.len() as u64, scores[0].pixels);
+        let mut sum = 0.0;
+        let mut outside = 0;
+        for pixel in &compared.pixels {
+            let (row, column) = (pixel.index / WIDTH, pixel.index % WIDTH);
+            outside += usize::from(!(153..371).contains(&row) || !(44..1197).contains(&column));
+            assert_eq!(pixel.truth_m, f64::from(fixture.depth_m[pixel.index]));
+            let depth_m = (FOCAL_PX * BASELINE_M) as f32 / (WIDTH as f32 * predicted[pixel.index]);
+            let (nearest, farthest) = compared.limits_m;
+            let scored_m = (f64::from(depth_m) * compared.scale).clamp(nearest, farthest);
+            assert_eq!(pixel.predicted_m, scored_m, "{name} {row} {column}");
+            assert_eq!(compared.predicted_m[pixel.index], scored_m as f32);
+            sum += (pixel.predicted_m - pixel.truth_m).abs() / pixel.truth_m;
+        }
+        assert_eq!(outside == 0, cropped, "{name}: {outside}");
+        let mean = sum / compared.pixels.len() as f64;
+        assert!((mean - scores[0].metrics.abs_rel).abs() < 1e-12, "{name}");
+        assert_eq!(compared.scale != 1.0, name.ends_with("-median"), "{name}");
     }
 }
 

@@ -28,7 +28,7 @@ pub enum Camera {
 }
 
 /// Two cameras side by side: depth in metres = focal length * baseline / disparity in pixels.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StereoCamera {
     /// Focal length in pixels.
     pub focal_px: f64,
