@@ -9,6 +9,7 @@ use strat_store::{command::CliError, threads};
 use crate::{
     evaluate::{NamedFile, plan::TableChoice},
     notes::Notes,
+    quantity::StereoCamera,
     runtime::{Device, Runtime, RuntimeChoice, RuntimeError},
 };
 
@@ -59,6 +60,35 @@ impl ThreadArgs {
     /// The number of threads within a model.
     pub(super) fn within_model(&self, pool: &rayon::ThreadPool) -> usize {
         self.threads.map_or(pool.current_num_threads(), usize::from)
+    }
+}
+
+/// The camera of images that bring none; both numbers or neither.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct CameraArgs {
+    /// Focal length in pixels of the images' own width; depth from disparity needs it
+    #[arg(long, value_name = "PX", requires = "baseline_m", value_parser = positive)]
+    focal_px: Option<f64>,
+    /// Stereo baseline in metres that the model was trained with (KITTI: 0.54)
+    #[arg(long, value_name = "M", requires = "focal_px", value_parser = positive)]
+    baseline_m: Option<f64>,
+}
+
+impl CameraArgs {
+    /// The camera, where it is given.
+    pub(super) fn stereo_camera(&self) -> Option<StereoCamera> {
+        Some(StereoCamera {
+            focal_px: self.focal_px?,
+            baseline_m: self.baseline_m?,
+        })
+    }
+}
+
+/// A number above 0.
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
+        _ => Err("a number above 0 is needed".to_owned()),
     }
 }
 
@@ -160,6 +190,14 @@ impl ValueEnum for TableChoice {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_must_be_positive() {
+        assert_eq!(positive("0.54"), Ok(0.54));
+        for wrong in ["0", "-1", "inf", "NaN", "x"] {
+            assert!(positive(wrong).is_err());
+        }
+    }
 
     #[test]
     fn models_get_names() {

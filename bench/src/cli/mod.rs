@@ -18,6 +18,7 @@ mod publish;
 mod render;
 mod report;
 mod setup;
+mod sprites;
 mod verify;
 
 use std::ffi::OsString;
@@ -102,7 +103,7 @@ enum Command {
     /// Test which depth cues models use (figures 4.3 to 4.10)
     Cues(cues::CuesArgs),
     /// Cut sprites for `bench cues` out of a labelled set's own images
-    Sprites(cues::SpritesArgs),
+    Sprites(sprites::SpritesArgs),
     /// Draw what models make of the same images (figures 3.3 and 3.6 to 3.10)
     Figures(figures::FiguresArgs),
     /// List the evaluation protocols, or state the rules of one
@@ -161,7 +162,7 @@ fn run(cli: Cli, arguments: Vec<String>) -> anyhow::Result<u8> {
         Command::Predict(args) => predict::run(&args, arguments),
         Command::Latency(args) => latency::run(&args),
         Command::Cues(args) => cues::run(&args, arguments),
-        Command::Sprites(args) => cues::cut(&args),
+        Command::Sprites(args) => sprites::run(&args),
         Command::Figures(args) => figures::run(&args, arguments),
         Command::Protocols(args) => protocols::run(&args),
         Command::Compare(args) => compare::run(&args),

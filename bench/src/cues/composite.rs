@@ -312,7 +312,13 @@ mod tests {
 
     #[test]
     fn what_lies_outside_is_cut_off() {
-        for (column, contact_row) in [(-5.0, 20.0), (63.0, 70.0), (500.0, 500.0)] {
+        // The block is 20 x 40 at this size. At column -5 it covers 5 whole columns and 20 whole rows, at
+        // column 63 and row 70 the last 10 and 33; its outermost pixels are covered by half.
+        for (column, contact_row, count) in [
+            (-5.0, 20.0, 5 * 20),
+            (63.0, 70.0, 10 * 33),
+            (500.0, 500.0, 0),
+        ] {
             let mut picture = RgbImage::new(64, 64);
             let place = Place {
                 column,
@@ -320,7 +326,12 @@ mod tests {
                 height_px: 40.0,
             };
             let mask = paste(&mut picture, &block(), place);
-            assert!(mask.pixels().all(|(x, y)| x < 64 && y < 64));
+            assert_eq!(mask.count(), count, "{column} {contact_row}");
+            for (x, y) in mask.pixels() {
+                assert!(picture.get_pixel(x as u32, y as u32).0[0] > 100, "{x} {y}");
+            }
+            let red = picture.pixels().filter(|pixel| pixel.0[0] > 100).count();
+            assert_eq!(red, count);
         }
     }
 

@@ -21,7 +21,7 @@ use strat_store::{
 };
 
 use super::{
-    CueError,
+    error::CueError,
     sprites::{self, DESCRIPTION, SpriteEntry, SpriteFile, View},
 };
 use crate::evaluate::{self, SampleError};
@@ -84,7 +84,7 @@ pub fn cut(set: &PreparedSet, each: usize, quiet: bool) -> Result<Cut, CueError>
         .into_iter()
         .filter(|sample| sample.instance.is_some() && sample.left_full.is_some())
         .collect();
-    let nothing = |reason: String| CueError::Output {
+    let nothing = |reason: String| CueError::Sprites {
         what: format!("sprites from {}", set.root.display()),
         reason,
     };
@@ -171,7 +171,7 @@ fn encode(image: &RgbaImage) -> Result<Vec<u8>, CueError> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     image
         .write_to(&mut bytes, ImageFormat::Png)
-        .map_err(|error| CueError::Output {
+        .map_err(|error| CueError::Sprites {
             what: "a sprite".to_owned(),
             reason: error.to_string(),
         })?;

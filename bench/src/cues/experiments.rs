@@ -5,8 +5,8 @@
 //! backgrounds' sizes, the sprites and the [`Plan`].
 
 use super::{
-    CueError,
     composite::{Place, extent},
+    error::CueError,
     rows::{Condition, Experiment},
     sprites::{Sprite, SpriteError, View},
 };

@@ -12,7 +12,7 @@ use strat_store::files;
 pub const ROWS: &str = "cues.csv";
 
 /// Which experiment a composite belongs to (PROTOCOL 5.1 to 5.3).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Experiment {
     /// One sprite in 50 sizes.
@@ -26,7 +26,7 @@ pub enum Experiment {
 }
 
 /// What is varied besides the step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Condition {
     /// A sprite alone.
@@ -111,13 +111,31 @@ pub struct CueRow {
     pub step_depth: Option<f64>,
     /// The same over the same pixels of the clean background.
     pub clean_step_depth: Option<f64>,
+    /// Occlusion only: width in pixels of the bands on both sides of the edge, 3 pixels of the network.
+    #[serde(default)]
+    pub band_px: Option<i64>,
     /// Contrast only: mean |same - contrast| within the band along the edge.
     pub band_change: Option<f64>,
     /// Contrast only: the same over the rest of both objects.
     pub rest_change: Option<f64>,
 }
 
+/// What tells the composites of one model apart: experiment, sprite, background, condition and step.
+pub type Key = (Experiment, String, String, Condition, u32);
+
 impl CueRow {
+    /// Which composite it is about.
+    #[must_use]
+    pub fn key(&self) -> Key {
+        (
+            self.experiment,
+            self.sprite.clone(),
+            self.background.clone(),
+            self.condition,
+            self.step,
+        )
+    }
+
     /// Sprite over reference.
     #[must_use]
     pub fn relative_depth(&self) -> f64 {
@@ -158,19 +176,7 @@ pub enum RowsError {
 /// # Errors
 /// The file cannot be written.
 pub fn write(folder: &Path, rows: &[CueRow]) -> Result<(), RowsError> {
-    let path = folder.join(ROWS);
-    let bad = |source: csv::Error| RowsError::Csv {
-        path: path.display().to_string(),
-        source,
-    };
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    for row in rows {
-        writer.serialize(row).map_err(bad)?;
-    }
-    let bytes = writer
-        .into_inner()
-        .map_err(|error| bad(error.into_error().into()))?;
-    Ok(files::write_atomic(&path, &bytes)?)
+    Ok(files::write_csv(&folder.join(ROWS), rows)?)
 }
 
 /// Reads the rows of a folder.

@@ -1,8 +1,15 @@
-//! Pictures: charts, error maps, models side by side.
+//! Pictures: SVG charts and sheets, colours of maps, and comparisons of a prediction with the truth.
 //!
-//! [`chart`] writes SVG and makes PNG of it, [`comparison`] draws one image's depth and error,
-//! [`side_by_side`] the sheets of `bench figures`. Nothing here runs a model or measures.
+//! [`chart`], [`whiskers`] and [`sheet`] write plain SVG ([`svg`]) whose text stays text; [`png`] makes
+//! PNG of that very SVG. [`colour`] and [`legend`] colour maps, [`comparison`] and [`side_by_side`]
+//! draw what scoring compared. Nothing here predicts, scores or writes files.
 
 pub mod chart;
+pub mod colour;
 pub mod comparison;
+pub mod legend;
+pub mod png;
+pub mod sheet;
 pub mod side_by_side;
+pub mod svg;
+pub mod whiskers;

@@ -1,44 +1,37 @@
-//! Pictures that compare models on the same images (figures 3.3 and 3.6 to 3.10 of the thesis).
+//! Sheets that compare models on the same images (figures 3.3 and 3.6 to 3.10 of the thesis).
 //!
 //! A comparison sheet has two rows for each image: the input with the depth of each model, and
 //! below it the ground truth, dilated so that sparse points can be seen, with each model's error.
-//! All maps of an image share one scale. Depth is coloured as inverse depth (magma, bright is
-//! near), the relative depth error |p - g| / g with cividis, which grows in lightness alone for
-//! colour-blind readers too. Predictions without a unit are scaled by medians first, as their
-//! protocol does it.
+//! What is drawn is what was scored ([`Comparison`]): grey was not. All maps of an image share one
+//! scale. Depth is coloured as inverse depth (magma, bright is near), the relative depth error
+//! |p - g| / g with cividis, which grows in lightness alone for colour-blind readers too.
 //!
 //! A synthesis sheet shows the right view that each model makes of the left one at the widest
 //! baseline: `R'(x) = L(x + w d_R(x))` with linear interpolation along rows and black outside
 //! (PROTOCOL 4.3), beside the real right view, with the absolute difference. It takes a model that
 //! gives the right view's disparity too.
-//!
-//! Pictures illustrate; no figure of a table is computed from them.
 
 use image::{Rgb, RgbImage};
-use strat_store::{
-    image_files,
-    raster::Plane,
-    resize::{self, Kernel},
-};
+use strat_store::{raster::Plane, resize};
 
-use crate::{
-    draw::chart::{Sheet, Tile},
-    draw::comparison,
-    evaluate::Comparison,
-    quantity::{self, Scale, ScaleUnit},
+use super::{
+    colour::{NOTHING, brightest_of, cividis, magma, percentile_95},
+    comparison::{WORST_ERROR, widened},
+    legend::{Scale, ScaleUnit, coloured},
+    sheet::{Sheet, Tile, tile_size},
 };
+use crate::evaluate::Comparison;
 
 /// Width of a picture within a sheet.
 const TILE_WIDTH: u32 = 460;
 /// JPEG quality of photographs within a sheet.
 const PICTURE_QUALITY: u8 = 88;
-/// Relative error, and absolute difference of grey levels, at the bright end.
-const WORST_ERROR: f32 = 0.5;
+/// Absolute difference of grey levels at the bright end.
 const WORST_DIFFERENCE: f32 = 64.0;
+/// Rows of the strip below an error map, of which the first two are black.
+const STRIP: u32 = 8;
 /// Images on one sheet.
 pub const PER_SHEET: usize = 4;
-/// What was not measured, and what is missing.
-const NOTHING: Rgb<u8> = Rgb([96, 96, 96]);
 
 /// What a model made of an image, or a sentence about why it made nothing.
 pub type Shown<T> = Result<T, String>;
@@ -102,76 +95,71 @@ pub fn synthesize_right(left: &RgbImage, disparity_fraction: &Plane) -> RgbImage
 /// Comparison sheets of [`PER_SHEET`] images each, as SVG.
 #[must_use]
 pub fn comparisons(title: &str, frames: &[Frame<'_>]) -> Vec<String> {
-    let sheets: Vec<&[Frame<'_>]> = frames.chunks(PER_SHEET).collect();
-    let sheet = |(place, frames): (usize, &&[Frame<'_>])| {
+    let note = format!(
+        "Depth: magma, bright is near, one scale for an image. Error: |predicted - true| / true, \
+         cividis, dark 0, bright {WORST_ERROR} and more. Grey was not scored."
+    );
+    sheets(title, &note, frames, rows_of)
+}
+
+/// Synthesis sheets of [`PER_SHEET`] images each, as SVG.
+#[must_use]
+pub fn syntheses(title: &str, frames: &[SynthesisFrame<'_>]) -> Vec<String> {
+    let note = format!(
+        "Synthesised from the left view at network size. Difference: mean over the colours, black \
+         0, bright {WORST_DIFFERENCE} grey levels and more."
+    );
+    sheets(title, &note, frames, synthesis_rows)
+}
+
+fn sheets<F>(
+    title: &str,
+    note: &str,
+    frames: &[F],
+    rows_of: impl Fn(&F) -> [Vec<Tile>; 2],
+) -> Vec<String> {
+    let count = frames.len().div_ceil(PER_SHEET);
+    let sheet = |(index, frames): (usize, &[F])| {
         let sheet = Sheet {
-            title: numbered(title, place, sheets.len()),
-            note: format!(
-                "Depth: magma, bright is near, one scale for an image. Error: |predicted - true| / \
-                 true, cividis, dark 0, bright {WORST_ERROR} and more. Grey was not measured."
-            ),
-            rows: frames.iter().flat_map(rows_of).collect(),
+            title: if count > 1 {
+                format!("{title} ({} of {count})", index + 1)
+            } else {
+                title.to_owned()
+            },
+            note: note.to_owned(),
+            rows: frames.iter().flat_map(&rows_of).collect(),
         };
         sheet.svg()
     };
-    sheets.iter().enumerate().map(sheet).collect()
-}
-
-fn numbered(title: &str, place: usize, count: usize) -> String {
-    if count > 1 {
-        format!("{title} ({} of {count})", place + 1)
-    } else {
-        title.to_owned()
-    }
+    frames.chunks(PER_SHEET).enumerate().map(sheet).collect()
 }
 
 /// The two rows of one image.
 fn rows_of(frame: &Frame<'_>) -> [Vec<Tile>; 2] {
-    let some = frame
-        .models
-        .iter()
-        .find_map(|(_, shown)| shown.as_ref().ok());
-    let Some(some) = some else {
-        let tiles = |words: &str| {
-            let tile = |(name, shown): &(&str, Shown<&Comparison>)| {
-                let why = shown.as_ref().err().map_or("", String::as_str);
-                blank(
-                    (TILE_WIDTH, TILE_WIDTH / 4),
-                    format!("{name}: {words}{why}"),
-                )
-            };
-            frame.models.iter().map(tile).collect()
-        };
-        return [tiles("no depth: "), Vec::new()];
+    let found = || {
+        frame
+            .models
+            .iter()
+            .filter_map(|(_, shown)| shown.as_ref().ok().copied())
     };
-    let size = tile_size(some.input.width(), some.input.height());
-    let truth = in_metres(&some.truth, some.depth_at_width_m, 1.0);
-    let of_model: Vec<(&str, Shown<(Plane, Plane)>)> = frame
-        .models
-        .iter()
-        .map(|(name, shown)| {
-            let maps = shown.clone().map(|comparison| {
-                let scale = median_ratio(comparison).unwrap_or(1.0);
-                let depth = in_metres(&comparison.predicted, comparison.depth_at_width_m, scale);
-                let error = relative_error(&depth, &truth);
-                (depth, error)
-            });
-            (*name, maps)
-        })
-        .collect();
+    // Ground truth is the same for all; a model that could not be scored has none.
+    let some = found().find(|one| one.scored.is_some()).or(found().next());
+    let Some(some) = some else {
+        let tile = |(name, shown): &(&str, Shown<&Comparison>)| {
+            let why = shown.as_ref().err().map_or("", String::as_str);
+            let size = (TILE_WIDTH, TILE_WIDTH / 4);
+            blank(size, format!("{name}: no depth: {why}"))
+        };
+        return [frame.models.iter().map(tile).collect(), Vec::new()];
+    };
+    let size = tile_size(some.input.width(), some.input.height(), TILE_WIDTH);
+    let truth = some.truth();
     // The scale is the ground truth's, so that no model chooses it.
-    let measured: Vec<f32> = truth.data.iter().copied().filter(|v| *v > 0.0).collect();
-    let brightest = if measured.is_empty() {
-        let maps = of_model.iter().filter_map(|(_, maps)| maps.as_ref().ok());
-        maps.map(|(depth, _)| quantity::brightest_of(depth))
-            .fold(f32::MIN_POSITIVE, f32::max)
-    } else {
-        let count = measured.len();
-        comparison::percentile_95(&Plane {
-            width: count,
-            height: 1,
-            data: measured,
-        })
+    let brightest = match percentile_95(truth.data.iter().copied().filter(|v| *v > 0.0)) {
+        0.0 => found()
+            .map(|one| brightest_of(&one.predicted))
+            .fold(f32::MIN_POSITIVE, f32::max),
+        of_truth => of_truth,
     };
     let scale = Scale {
         unit: Some(ScaleUnit::Metres),
@@ -179,16 +167,15 @@ fn rows_of(frame: &Frame<'_>) -> [Vec<Tile>; 2] {
     };
     let mut above = vec![photograph(&some.input, size, frame.image.to_owned())];
     let mut below = vec![truth_tile(&truth, size, scale)];
-    for (name, maps) in &of_model {
-        match maps {
-            Ok((depth, error)) => {
-                let (width, height) = (size.0 as usize, size.1 as usize);
-                let small = resize::area_f32(depth, width, height);
-                above.push(tile(
-                    &quantity::colour(&small, scale),
+    for (name, shown) in &frame.models {
+        match shown {
+            Ok(one) => {
+                let small = resize::area_f32(&one.predicted, size.0 as usize, size.1 as usize);
+                above.push(Tile::drawn(
+                    &coloured(&small, scale),
                     format!("{name}: depth"),
                 ));
-                below.push(error_tile(error, size, name));
+                below.push(error_tile(one, size, name));
             }
             Err(reason) => {
                 above.push(blank(size, format!("{name}: no depth: {reason}")));
@@ -199,77 +186,12 @@ fn rows_of(frame: &Frame<'_>) -> [Vec<Tile>; 2] {
     [above, below]
 }
 
-/// Inverse depth in 1/m of disparity as a fraction of the width, 0 where there is none.
-fn in_metres(disparity: &Plane, depth_at_width_m: f32, scale: f32) -> Plane {
-    let inverse = |value: &f32| value / (depth_at_width_m * scale);
-    Plane {
-        data: disparity.data.iter().map(inverse).collect(),
-        ..*disparity
-    }
-}
-
-/// median(true depth) / median(predicted depth) over the true depths that the protocol takes them
-/// from; `None` where it does not scale.
-fn median_ratio(comparison: &Comparison) -> Option<f32> {
-    let (min_m, max_m) = comparison.median_within_m?;
-    let pairs = comparison.truth.data.iter().zip(&comparison.predicted.data);
-    let (mut truth, mut predicted): (Vec<f64>, Vec<f64>) = pairs
-        .filter(|(truth, predicted)| {
-            let true_m = comparison.depth_at_width_m / **truth;
-            **truth > 0.0 && **predicted > 0.0 && true_m > min_m && true_m < max_m
-        })
-        .map(|(truth, predicted)| (1.0 / f64::from(*truth), 1.0 / f64::from(*predicted)))
-        .unzip();
-    let truth = strat_metrics::median(&mut truth)?;
-    let ratio = truth / strat_metrics::median(&mut predicted)?;
-    Some(ratio as f32)
-}
-
-/// |p - g| / g of depths that are given as inverse depth; -1 where nothing was measured.
-fn relative_error(predicted: &Plane, truth: &Plane) -> Plane {
-    let error = |(p, g): (&f32, &f32)| {
-        if *g > 0.0 {
-            // Nothing predicted is infinitely far away.
-            if *p > 0.0 {
-                (g / p - 1.0).abs()
-            } else {
-                f32::INFINITY
-            }
-        } else {
-            -1.0
-        }
-    };
-    Plane {
-        data: predicted.data.iter().zip(&truth.data).map(error).collect(),
-        ..*truth
-    }
-}
-
-fn tile_size(width: u32, height: u32) -> (u32, u32) {
-    let narrow = TILE_WIDTH.min(width);
-    (narrow, (height * narrow).div_ceil(width.max(1)).max(1))
-}
-
-fn tile(picture: &RgbImage, caption: String) -> Tile {
-    Tile {
-        caption,
-        data: image_files::encode_png_rgb(picture),
-        format: "png",
-        size: picture.dimensions(),
-    }
-}
-
-fn photograph(picture: &RgbImage, (width, height): (u32, u32), caption: String) -> Tile {
-    let small = resize::rgb(picture, width, height, Kernel::Area);
-    Tile {
-        data: image_files::encode_jpeg_rgb(&small, PICTURE_QUALITY),
-        format: "jpeg",
-        ..tile(&small, caption)
-    }
+fn photograph(picture: &RgbImage, size: (u32, u32), caption: String) -> Tile {
+    Tile::photograph(picture, size, PICTURE_QUALITY, caption)
 }
 
 fn blank((width, height): (u32, u32), caption: String) -> Tile {
-    tile(&RgbImage::from_pixel(width, height, NOTHING), caption)
+    Tile::drawn(&RgbImage::from_pixel(width, height, NOTHING), caption)
 }
 
 /// For each pixel of a tile what `choose` makes of the values that lie below it and are not
@@ -279,111 +201,70 @@ fn pooled(
     (width, height): (u32, u32),
     choose: impl Fn(&[f32]) -> f32,
 ) -> Vec<Option<f32>> {
-    let (width, height) = (width as usize, height as usize);
-    let part = |place: usize, count: usize, from: usize| {
-        let first = place * from / count;
-        first
-            ..((place + 1) * from)
-                .div_ceil(count)
-                .max(first + 1)
-                .min(from)
+    let below = |index: usize, count: u32, from: usize| {
+        let (count, first) = (count as usize, index * from / count as usize);
+        let end = ((index + 1) * from).div_ceil(count).max(first + 1);
+        first..end.min(from)
     };
-    let mut below = Vec::new();
-    let mut values = Vec::with_capacity(width * height);
-    for y in 0..height {
-        for x in 0..width {
-            below.clear();
-            for row in part(y, height, plane.height) {
-                let own = &plane.row(row)[part(x, width, plane.width)];
-                below.extend(own.iter().copied().filter(|value| *value >= 0.0));
+    let mut found = Vec::new();
+    let mut values = Vec::with_capacity(width as usize * height as usize);
+    for y in 0..height as usize {
+        for x in 0..width as usize {
+            found.clear();
+            for row in below(y, height, plane.height) {
+                let own = &plane.row(row)[below(x, width, plane.width)];
+                found.extend(own.iter().copied().filter(|value| *value >= 0.0));
             }
-            values.push((!below.is_empty()).then(|| choose(&below)));
+            values.push((!found.is_empty()).then(|| choose(&found)));
         }
     }
     values
 }
 
 fn truth_tile(truth: &Plane, size: (u32, u32), scale: Scale) -> Tile {
-    let wide = comparison::widened(truth);
     let nearest = |values: &[f32]| values.iter().copied().fold(0.0, f32::max);
-    let values = pooled(&wide, size, nearest);
+    let values = pooled(&widened(truth), size, nearest);
     let small = Plane {
         width: size.0 as usize,
         height: size.1 as usize,
         data: values.iter().map(|value| value.unwrap_or(0.0)).collect(),
     };
-    let mut picture = quantity::colour(&small, scale);
-    let mut any = false;
-    for (index, value) in small.data.iter().enumerate() {
-        if *value > 0.0 {
-            any = true;
-        } else {
-            let (x, y) = (index as u32 % size.0, index as u32 / size.0);
-            picture.put_pixel(x, y, NOTHING);
-        }
+    let mut picture = coloured(&small, scale);
+    for (index, _) in small.data.iter().enumerate().filter(|(_, v)| **v <= 0.0) {
+        picture.put_pixel(index as u32 % size.0, index as u32 / size.0, NOTHING);
     }
-    let words = if any {
+    let words = if small.data.iter().any(|value| *value > 0.0) {
         "ground truth, dilated"
     } else {
         "no ground truth"
     };
-    tile(&picture, words.to_owned())
+    Tile::drawn(&picture, words.to_owned())
 }
 
-fn error_tile(error: &Plane, size: (u32, u32), name: &str) -> Tile {
+fn error_tile(comparison: &Comparison, size: (u32, u32), name: &str) -> Tile {
     let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
-    let values = pooled(error, size, mean);
-    let strip = 8;
-    let picture = RgbImage::from_fn(size.0, size.1 + strip, |x, y| {
-        if y >= size.1 {
-            let place = x as f32 / (size.0 - 1).max(1) as f32;
-            return if y < size.1 + 2 {
-                Rgb([0; 3])
-            } else {
-                cividis(place)
-            };
+    let values = pooled(&comparison.error(), size, mean);
+    let picture = RgbImage::from_fn(size.0, size.1 + STRIP, |x, y| match y.checked_sub(size.1) {
+        None => {
+            values[(y * size.0 + x) as usize].map_or(NOTHING, |error| cividis(error / WORST_ERROR))
         }
-        values[(y * size.0 + x) as usize].map_or(NOTHING, |error| cividis(error / WORST_ERROR))
+        Some(0..2) => Rgb([0; 3]),
+        Some(_) => cividis(x as f32 / (size.0 - 1).max(1) as f32),
     });
-    let all: Vec<f64> = error
-        .data
-        .iter()
-        .filter(|e| **e >= 0.0)
-        .map(|e| f64::from(*e))
-        .collect();
-    let caption = if all.is_empty() {
-        format!("{name}: no ground truth to compare with")
-    } else {
-        format!("{name}: relative error, 0 to {WORST_ERROR}")
+    let caption = match (&comparison.scored, comparison.abs_rel()) {
+        (None, _) => format!("{name}: no ground truth to compare with"),
+        (Some(_), None) => format!("{name}: relative error, 0 to {WORST_ERROR}"),
+        (Some(_), Some(abs_rel)) => format!(
+            "{name}: relative error, 0 to {WORST_ERROR}; Abs Rel {abs_rel:.3} under {}",
+            comparison.context.protocol
+        ),
     };
-    tile(&picture, caption)
-}
-
-fn cividis(place: f32) -> Rgb<u8> {
-    comparison::rgb(colorous::CIVIDIS, if place.is_nan() { 1.0 } else { place })
-}
-
-/// Synthesis sheets of [`PER_SHEET`] images each, as SVG.
-#[must_use]
-pub fn syntheses(title: &str, frames: &[SynthesisFrame<'_>]) -> Vec<String> {
-    let sheets: Vec<&[SynthesisFrame<'_>]> = frames.chunks(PER_SHEET).collect();
-    let sheet = |(place, frames): (usize, &&[SynthesisFrame<'_>])| {
-        let sheet = Sheet {
-            title: numbered(title, place, sheets.len()),
-            note: format!(
-                "Made of the left view at network size. Difference: mean over the colours, black 0, \
-                 bright {WORST_DIFFERENCE} grey levels and more."
-            ),
-            rows: frames.iter().flat_map(synthesis_rows).collect(),
-        };
-        sheet.svg()
-    };
-    sheets.iter().enumerate().map(sheet).collect()
+    Tile::drawn(&picture, caption)
 }
 
 fn synthesis_rows(frame: &SynthesisFrame<'_>) -> [Vec<Tile>; 2] {
     let size = frame.left.map_or((TILE_WIDTH, TILE_WIDTH / 2), |left| {
-        tile_size(left.width(), left.height())
+        tile_size(left.width(), left.height(), TILE_WIDTH)
     });
     let photo = |picture: Option<&RgbImage>, words: String| match picture {
         Some(picture) => photograph(picture, size, words),
@@ -406,16 +287,16 @@ fn synthesis_rows(frame: &SynthesisFrame<'_>) -> [Vec<Tile>; 2] {
                 let (width, height) = (size.0 as usize, size.1 as usize);
                 let small = resize::area_f32(&difference, width, height);
                 let picture = RgbImage::from_fn(size.0, size.1, |x, y| {
-                    comparison::magma(small.row(y as usize)[x as usize] / WORST_DIFFERENCE)
+                    magma(small.row(y as usize)[x as usize] / WORST_DIFFERENCE)
                 });
                 above.push(photograph(
                     &synthesis.right,
                     size,
                     format!("{name}: right view"),
                 ));
-                below.push(tile(
+                below.push(Tile::drawn(
                     &picture,
-                    format!("{name}: difference, {mean:.1} grey levels in the mean"),
+                    format!("{name}: mean difference {mean:.1} grey levels"),
                 ));
             }
             Err(reason) => {
@@ -448,6 +329,7 @@ fn difference(synthesis: &Synthesis) -> Plane {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::comparison::tests::example;
 
     fn stripes(width: u32, height: u32) -> RgbImage {
         RgbImage::from_fn(width, height, |x, y| {
@@ -482,53 +364,18 @@ mod tests {
         assert!(far.pixels().all(|pixel| pixel.0 == [0; 3]));
     }
 
-    /// True depth is 10 m in every fifth pixel.
-    fn comparison(predicted: f32, median_within_m: Option<(f32, f32)>) -> Comparison {
-        let mut truth = Plane::filled(32, 16, 0.0);
-        for place in (0..512).step_by(5) {
-            truth.data[place] = 0.05;
-        }
-        Comparison {
-            image: "x".to_owned(),
-            input: stripes(32, 16),
-            predicted: Plane::filled(32, 16, predicted),
-            truth,
-            depth_at_width_m: 0.5,
-            median_within_m,
-        }
-    }
-
-    #[test]
-    fn errors_are_those_of_depth() {
-        let inverse = |comparison: &Comparison, scale| {
-            in_metres(&comparison.predicted, comparison.depth_at_width_m, scale)
-        };
-        // Half the disparity is twice the depth: an error of 1.
-        let far = comparison(0.025, None);
-        let truth = in_metres(&far.truth, far.depth_at_width_m, 1.0);
-        assert_eq!(truth.data[0], 0.1, "10 m");
-        let error = relative_error(&inverse(&far, 1.0), &truth);
-        assert_eq!((error.data[0], error.data[1]), (1.0, -1.0));
-        assert!(relative_error(&Plane::filled(32, 16, 0.0), &truth).data[0].is_infinite());
-        // Without a unit the median makes up for it.
-        let mut relative = comparison(0.4, Some((1.0, 70.0)));
-        // 100 m away and not looked at.
-        relative.truth.data[0] = 0.005;
-        let ratio = median_ratio(&relative).unwrap();
-        assert!((ratio - 8.0).abs() < 1e-5, "{ratio}");
-        let error = relative_error(&inverse(&relative, ratio), &truth);
-        assert!(error.data[5] < 1e-5);
-        let mut without = comparison(0.4, Some((1.0, 70.0)));
-        without.truth = Plane::filled(32, 16, 0.0);
-        assert_eq!(median_ratio(&without), None);
-        assert_eq!(median_ratio(&far), None);
+    /// A model that predicts `predicted_m` everywhere; true depth is 10 m in every fifth pixel.
+    fn comparison(predicted_m: f64) -> Comparison {
+        example(32, 16, predicted_m, (0..512).step_by(5))
     }
 
     #[test]
     fn sheets_say_what_is_missing() {
-        let good = comparison(0.04, None);
-        let mut bare = comparison(0.04, None);
-        bare.truth = Plane::filled(32, 16, 0.0);
+        let good = comparison(12.5);
+        let bare = Comparison {
+            scored: None,
+            ..comparison(12.5)
+        };
         fn frame(shown: &Comparison) -> Frame<'_> {
             Frame {
                 image: "a/b",
@@ -545,7 +392,7 @@ mod tests {
             "good &lt;1&gt;: depth",
             "ground truth, dilated",
             "bad: no depth: it gave NaN",
-            "relative error, 0 to 0.5",
+            "relative error, 0 to 0.5; Abs Rel 0.250 under eigen-80",
         ] {
             assert!(svg.contains(text), "no {text}");
         }
@@ -559,6 +406,21 @@ mod tests {
             models: vec![("bad", Err("it gave NaN".to_owned()))],
         };
         assert!(comparisons("KITTI", &[none])[0].contains("bad: no depth: it gave NaN"));
+    }
+
+    /// 12.5 m of 10 m is an error of 0.25 in every fifth pixel, whatever is pooled; grey between.
+    #[test]
+    fn the_error_tile_shows_the_scored_error_and_grey() {
+        let picture = |tile: &Tile| image::load_from_memory(tile.data()).unwrap().to_rgb8();
+        let tile = picture(&error_tile(&comparison(12.5), (32, 16), "a"));
+        for index in 0..512_u32 {
+            let expected = if index % 5 == 0 {
+                cividis(0.25 / WORST_ERROR)
+            } else {
+                NOTHING
+            };
+            assert_eq!(*tile.get_pixel(index % 32, index / 32), expected, "{index}");
+        }
     }
 
     #[test]

@@ -14,6 +14,7 @@
 //! Not here: metrics and rules ([`strat_metrics`]), and what a model's tensors mean
 //! ([`crate::model`]).
 
+pub mod comparison;
 pub mod journal;
 pub mod median;
 pub mod pipeline;
@@ -44,8 +45,8 @@ use record::Failure;
 use sample::load_image;
 use score::{Predicted, Prediction, Scored};
 
+pub use comparison::Comparison;
 pub use sample::SampleError;
-pub use score::Comparison;
 
 /// A model or saved predictions on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]

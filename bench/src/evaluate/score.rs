@@ -5,7 +5,8 @@
 
 use image::RgbImage;
 use strat_metrics::{
-    GroundTruth, GroundTruthKind, ImageScore, PostProcessing, Protocol, Resize, RowContext,
+    GroundTruth, GroundTruthKind, Grouping, ImageScore, PostProcessing, Protocol, Resize,
+    RowContext,
 };
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::{
@@ -14,30 +15,15 @@ use strat_store::{
     set::{PreparedSet, Sample},
 };
 
-use super::sample::{SampleError, Scene};
+use super::{
+    comparison::{self, Comparison},
+    sample::{SampleError, Scene},
+};
 
 /// The median that inverse depth of unknown scale is brought to, as a disparity fraction: a
 /// typical value, so that the protocol's disparity floor means what it means for other models.
 /// Median scaling makes the choice irrelevant for the figures.
 const TYPICAL_DISPARITY_FRACTION: f32 = 0.03;
-
-/// Everything needed to draw one comparison.
-#[derive(Clone, Debug)]
-pub struct Comparison {
-    /// Image id.
-    pub image: String,
-    /// The left image at full resolution.
-    pub input: RgbImage,
-    /// Predicted disparity as a fraction of image width, at the size of the image.
-    pub predicted: Plane,
-    /// True disparity as a fraction of image width, 0 = none.
-    pub truth: Plane,
-    /// Depth in metres at a disparity of the whole width, by the first protocol's camera.
-    pub depth_at_width_m: f32,
-    /// Where the first protocol scales by medians: the true depths in metres between which it
-    /// takes them.
-    pub median_within_m: Option<(f32, f32)>,
-}
 
 /// A prediction at network size.
 #[derive(Clone, Debug)]
@@ -104,6 +90,7 @@ pub(super) struct Predicted {
 pub(super) struct Scored {
     /// By protocol, in the order in which they were given.
     pub(super) scores: Vec<Result<Vec<ImageScore>, SampleError>>,
+    /// What a picture shows: the score under the first protocol without groups that gives one.
     pub(super) comparison: Option<Comparison>,
 }
 
@@ -128,8 +115,12 @@ pub(super) fn score(
     let plain = at_image_size(plain);
     let flipped = flipped.map(at_image_size);
     let mut scene = Scene::new(set, sample);
-    let mut comparison = None;
-    let mut score_under = |protocol: &Protocol| {
+    let mut comparison: Option<Comparison> = None;
+    let scores_whole_images = |protocol: &Protocol| protocol.grouping == Grouping::None;
+    let is_any_whole = protocols
+        .iter()
+        .any(|(protocol, _)| scores_whole_images(protocol));
+    let mut score_under = |protocol: &Protocol, context: &RowContext| {
         // 45 of the 697 images were never given such depth: no failure, the protocol is about the
         // other 652 (PROTOCOL 1.2).
         if protocol.ground_truth == GroundTruthKind::Annotated && sample.depth_annotated.is_none() {
@@ -160,34 +151,56 @@ pub(super) fn score(
         );
         let compared = compared.as_ref();
         let gives_depth = matches!(prediction, Prediction::DepthM(_));
-        if comparison.is_none()
-            && let Some(input) = &image
-        {
-            let predicted = if gives_depth {
-                reciprocal(compared, depth_at_width_m)
+        let has_picture = comparison.as_ref().is_some_and(|one| one.scored.is_some());
+        let is_drawn = !has_picture && (scores_whole_images(protocol) || !is_any_whole);
+        let Some(input) = image.as_ref().filter(|_| is_drawn) else {
+            let scores = if gives_depth {
+                strat_metrics::evaluate_depth(protocol, truth, &compared.data)
             } else {
-                compared.clone()
+                strat_metrics::evaluate(protocol, truth, &compared.data)
             };
-            comparison = Some(comparison_of(
-                protocol,
-                truth,
-                sample,
-                input,
-                predicted,
-                depth_at_width_m,
-            ));
-        }
-        let result = if gives_depth {
-            strat_metrics::evaluate_depth(protocol, truth, &compared.data)
-        } else {
-            strat_metrics::evaluate(protocol, truth, &compared.data)
+            return scores.map_err(unscored);
         };
-        result.map_err(unscored)
+        let prediction = if gives_depth {
+            strat_metrics::Prediction::DepthM(&compared.data)
+        } else {
+            strat_metrics::Prediction::DisparityFraction(&compared.data)
+        };
+        let result = strat_metrics::evaluate_with_pixels(protocol, truth, prediction);
+        let inverse = match &result {
+            Ok((_, pixels)) => inverse(&pixels.predicted_m, 1.0),
+            // Not scored, so neither scaled nor clipped, but it can be looked at.
+            Err(_) if gives_depth => inverse(&compared.data, 1.0),
+            Err(_) => {
+                let values = compared.data.iter();
+                values.map(|d| d / depth_at_width_m).collect()
+            }
+        };
+        let predicted = Plane {
+            data: inverse,
+            ..*compared
+        };
+        let (scores, scored) = match result {
+            Ok((scores, compared)) => (
+                Ok(scores.clone()),
+                Some(comparison::Scored { scores, compared }),
+            ),
+            Err(source) => (Err(unscored(source)), None),
+        };
+        comparison = Some(Comparison {
+            image: sample.id.clone(),
+            input: input.clone(),
+            // A laser's grid is coarser than the image.
+            predicted: resize::bilinear_f32(&predicted, width, height),
+            context: context.clone(),
+            scored,
+        });
+        scores
     };
     let protocols = protocols.iter();
     Scored {
         scores: protocols
-            .map(|(protocol, _)| score_under(protocol))
+            .map(|(protocol, context)| score_under(protocol, context))
             .collect(),
         comparison,
     }
@@ -234,42 +247,6 @@ fn compared<'a>(
     })
 }
 
-/// What a picture shows: predicted disparity at the size of the ground truth, and the truth.
-fn comparison_of(
-    protocol: &Protocol,
-    truth: &GroundTruth,
-    sample: &Sample,
-    input: &RgbImage,
-    mut predicted: Plane,
-    depth_at_width_m: f32,
-) -> Comparison {
-    let depth = Plane {
-        width: truth.size().0,
-        height: truth.size().1,
-        data: truth.depth_m().to_vec(),
-    };
-    let mut true_disparity = reciprocal(&depth, depth_at_width_m);
-    let (width, height) = (sample.width as usize, sample.height as usize);
-    // A laser's grid is coarser than the image.
-    if truth.size() != (width, height) {
-        predicted = resize::bilinear_f32(&predicted, width, height);
-        true_disparity = nearest(&true_disparity, width, height);
-    }
-    let within = if protocol.mask_ground_truth {
-        (protocol.min_depth_m as f32, protocol.max_depth_m as f32)
-    } else {
-        (0.0, f32::INFINITY)
-    };
-    Comparison {
-        image: sample.id.clone(),
-        input: input.clone(),
-        predicted,
-        truth: true_disparity,
-        depth_at_width_m,
-        median_within_m: protocol.median_scaling.then_some(within),
-    }
-}
-
 /// The nearest sample for the centre of each pixel of another size.
 fn nearest(source: &Plane, width: usize, height: usize) -> Plane {
     // (i + 1/2) * from / to, rounded down, in whole numbers.
@@ -291,12 +268,12 @@ fn nearest(source: &Plane, width: usize, height: usize) -> Plane {
 /// Depth to disparity or back: `factor / value`, where 0 stays 0 (no measurement).
 fn reciprocal(plane: &Plane, factor: f32) -> Plane {
     Plane {
-        width: plane.width,
-        height: plane.height,
-        data: plane
-            .data
-            .iter()
-            .map(|&value| if value > 0.0 { factor / value } else { 0.0 })
-            .collect(),
+        data: inverse(&plane.data, factor),
+        ..*plane
     }
+}
+
+fn inverse(values: &[f32], factor: f32) -> Vec<f32> {
+    let inverse = |&value: &f32| if value > 0.0 { factor / value } else { 0.0 };
+    values.iter().map(inverse).collect()
 }

@@ -7,7 +7,10 @@ use strat_metrics::{
     tables::{Line, Section, Table},
 };
 
-use crate::draw::chart::{Chart, Curve, Mark, Panel, Whiskers};
+use crate::draw::{
+    chart::{Chart, Curve, Panel},
+    whiskers::{Mark, Whiskers},
+};
 
 /// Metrics that are drawn with their intervals; the rest is in the tables.
 const DRAWN: [Metric; 3] = [Metric::AbsRel, Metric::Rmse, Metric::A1];

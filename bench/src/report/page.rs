@@ -18,9 +18,8 @@ use strat_store::{
 
 use super::{Collected, CueResults, DataSet, Run, charts};
 use crate::{
-    cues::{figures, summary},
-    draw::chart::{base64, themed},
-    draw::comparison,
+    cues::{curves, summary},
+    draw::{comparison, sheet::data_address, svg::themed},
     evaluate::record::ModelRecord,
     latency::LatencyRow,
     rows::compare::protocols_of,
@@ -293,7 +292,7 @@ struct Page {
 impl Page {
     fn chart(&mut self, svg: &str) -> Markup {
         self.charts += 1;
-        PreEscaped(themed(svg, &format!("c{}", self.charts)))
+        themed(svg, &format!("c{}", self.charts))
     }
 
     fn charts(&mut self, svgs: &[String]) -> Markup {
@@ -529,13 +528,13 @@ impl Page {
     fn picture(&mut self, set: &DataSet, model: &str, row: &Row) -> Option<String> {
         let path = set.runs.iter().find_map(|run| {
             let own = run.record.as_ref()?.models.iter();
-            own.filter(|record| record.name == model && record.blake3 == row.context.model_hash)
-                .map(|_| {
-                    run.folder
-                        .join(comparison::FOLDER)
-                        .join(comparison::file(model, &row.image))
-                })
-                .find(|path| path.is_file())
+            let is_own = |record: &ModelRecord| {
+                record.name == model && record.blake3 == row.context.model_hash
+            };
+            own.clone()
+                .any(is_own)
+                .then(|| comparison::picture_of(&run.folder, row))
+                .flatten()
         })?;
         let large = image_files::read_rgb(&path);
         let large = self.or_problem(large)?;
@@ -544,17 +543,19 @@ impl Page {
             .div_ceil(large.width().max(1))
             .max(1);
         let small = resize::rgb(&large, width, height, Kernel::Area);
-        let encoded = base64(&image_files::encode_jpeg_rgb(&small, PICTURE_QUALITY));
+        let encoded = data_address(
+            "jpeg",
+            &image_files::encode_jpeg_rgb(&small, PICTURE_QUALITY),
+        );
         if self.picture_bytes + encoded.len() > PICTURES_BYTES {
             return None;
         }
         self.picture_bytes += encoded.len();
-        Some(format!("data:image/jpeg;base64,{encoded}"))
+        Some(encoded)
     }
 
     fn cues(&mut self, results: &CueResults) -> Markup {
         let found = summary::summarise(&results.rows, &Bootstrap::default());
-        let number = |value: f64| format!("{value:.3}");
         let verdicts = html! {
             table.sortable {
                 thead { tr {
@@ -562,23 +563,18 @@ impl Page {
                     th.n scope="col" { "Effect" } th.n scope="col" { "Threshold" }
                     th.n scope="col" { "Backgrounds" } th scope="col" { "Test" }
                 } }
-                tbody { @for finding in &found.findings { tr {
-                    th scope="row" { (finding.model) }
-                    td { (finding.cue) }
-                    td { strong { (finding.uses.as_str()) } }
-                    @match finding.effect {
-                        Some(effect) => td.n data-v=(effect) {
-                            (number(effect))
-                            @if let (Some(low), Some(high)) = (finding.low, finding.high) {
-                                small { (number(low)) " to " (number(high)) }
-                            }
-                        },
-                        None => td.n { "-" },
+                tbody { @for line in found.lines() {
+                    @let finding = line.finding;
+                    tr {
+                        th scope="row" { (finding.model) }
+                        td { (line.label) }
+                        td { strong { (line.uses.to_string()) } }
+                        td.n data-v=[finding.effect] { (line.effect) }
+                        td.n data-v=(finding.threshold) { (finding.threshold) }
+                        td.n data-v=(finding.backgrounds) { (finding.backgrounds) }
+                        td.wrap { (finding.test) }
                     }
-                    td.n data-v=(finding.threshold) { (finding.threshold) }
-                    td.n data-v=(finding.backgrounds) { (finding.backgrounds) }
-                    td.wrap { (finding.test) }
-                } } }
+                } }
             }
         };
         let mut models: Vec<&str> = Vec::new();
@@ -589,7 +585,7 @@ impl Page {
         }
         let drawn: Vec<Markup> = models
             .iter()
-            .flat_map(|model| figures::curves(model, &results.rows))
+            .flat_map(|model| curves::curves(model, &results.rows))
             .map(|(_, svg)| self.chart(&svg))
             .collect();
         html! {

@@ -5,17 +5,24 @@ use std::{collections::BTreeMap, fs, path::Path};
 
 use assert_cmd::Command;
 use image::{Rgb, RgbImage};
+use strat_bench::{
+    evaluate::{self, Predictor, Task},
+    model::Model,
+    runtime::{Device, Runtime, RuntimeChoice},
+};
+use strat_metrics::{Row, RowContext};
 use strat_splits::{Role, Split};
 use strat_store::{
     exr::{self, DepthHeader},
     files, image_files,
+    progress::Progress,
     raster::Plane,
     resize::Kernel,
     set::{Content, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample},
 };
 
 use crate::command::{Ran, run, text};
-use crate::fixtures::{metadata, network, write_model};
+use crate::fixtures::{HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, WIDTH, metadata, network, write_model};
 use crate::world::World;
 
 fn figures(set: &Path, out: &Path, more: &[&str]) -> Ran {
@@ -56,7 +63,7 @@ fn models_stand_side_by_side() {
     assert_eq!(sheet.matches("<image").count(), 24);
     // Half of the constant is the right disparity: 0.025 of 32 columns moves by 0.8.
     let views = svg(&out, "fig_3_10");
-    assert!(views.contains("a: right view") && views.contains("grey levels in the mean"));
+    assert!(views.contains("a: right view") && views.contains("mean difference "));
     for name in ["comparison", "fig_3_10"] {
         let drawn = image_files::read_rgb(&out.join(format!("{name}.png"))).unwrap();
         assert!(drawn.width() > 300 && drawn.height() > 300, "{name}");
@@ -142,6 +149,127 @@ fn what_cannot_be_drawn_is_said_and_the_rest_is_drawn() {
     // Nothing but broken models.
     figures(&set, &world.path("none"), &["--model", &text(&garbage)]).code(1);
     assert!(!world.path("none/comparison.svg").exists());
+}
+
+/// Whatever a model gives and a protocol leaves out: the mean of the error that is drawn is the Abs Rel
+/// of the row.
+#[test]
+fn the_drawn_error_is_the_scored_one() {
+    let world = World::new(Split::Eigen, 3, false);
+    let metric = write_model(world.folder.path(), "metric", 0.05, 0.04, "eigen");
+    // The same network, said to give inverse depth of unknown scale.
+    let unscaled = world.path("unscaled.onnx");
+    fs::write(&unscaled, network(0.05, 0.04, None)).unwrap();
+    let description = format!(
+        "input: {{width: {INPUT_WIDTH}, height: {INPUT_HEIGHT}, range: 0..1}}\n\
+         output: {{meaning: inverse_depth}}\n"
+    );
+    fs::write(world.path("unscaled.yaml"), description).unwrap();
+    let (runtime, _) = Runtime::resolve(RuntimeChoice::Embedded, Device::Cpu).unwrap();
+    let set = PreparedSet::open(&world.path("set")).unwrap();
+    let samples = set.samples(Role::Test).unwrap();
+    let pictures = samples.iter().map(|sample| sample.id.clone()).collect();
+    let pool = strat_store::threads::pool("test", 2).unwrap();
+    let mut seen = Vec::new();
+    for (file, protocol, is_scaled, is_cropped) in [
+        (&metric, "eigen-80", false, true),
+        (&metric, "eigen-80-nocrop", false, false),
+        (&unscaled, "eigen-80-median", true, true),
+        (&unscaled, "eigen-80-nocrop-median", true, false),
+    ] {
+        let mut model = Model::open("m", file, &runtime, Device::Cpu, 1).unwrap();
+        let protocol = strat_metrics::protocol(protocol).unwrap();
+        let context = RowContext {
+            protocol: protocol.name.clone(),
+            ..RowContext::default()
+        };
+        let task = Task {
+            set: &set,
+            samples: &samples,
+            protocols: &[(protocol, context)],
+            pictures: &pictures,
+        };
+        let progress = Progress::new("test", 3, "images", true);
+        let predictor = &mut Predictor::Model(&mut model);
+        let Ok(found) = evaluate::evaluate(&task, "m", predictor, &pool, &progress, &mut ());
+        assert_eq!((found.rows.len(), found.comparisons.len()), (3, 3));
+        for (row, comparison) in found.rows.iter().zip(&found.comparisons) {
+            assert_eq!(row.image, comparison.image);
+            let error = comparison.error();
+            let drawn: Vec<f64> = error
+                .data
+                .iter()
+                .filter(|error| **error >= 0.0)
+                .map(|error| f64::from(*error))
+                .collect();
+            let mean = drawn.iter().sum::<f64>() / drawn.len() as f64;
+            let abs_rel = row.score.metrics.abs_rel;
+            assert!((mean / abs_rel - 1.0).abs() < 1e-6, "{mean} {abs_rel}");
+            assert_eq!(comparison.abs_rel(), Some(abs_rel));
+            // Nothing is measured in the upper quarter, and the crop leaves more out.
+            let measured = (WIDTH * HEIGHT * 3 / 4) as usize;
+            assert_eq!(drawn.len() == measured, !is_cropped);
+            let scale = comparison.scored.as_ref().unwrap().compared.scale;
+            assert_eq!(scale != 1.0, is_scaled);
+            seen.push(abs_rel);
+        }
+    }
+    // The images and protocols differ, so the equality above is no accident.
+    seen.sort_by(f64::total_cmp);
+    assert!(
+        seen.windows(2).any(|pair| pair[1] > 1.01 * pair[0]),
+        "{seen:?}"
+    );
+}
+
+/// Captions and the list of pictures have the numbers of the rows, under the protocol that they name.
+#[test]
+fn captions_have_the_numbers_of_the_rows() {
+    let world = World::new(Split::Eigen, 3, false);
+    let model = text(&write_model(world.folder.path(), "m", 0.05, 0.04, "eigen"));
+    let more = ["--model", &model, "--protocol", "eigen-80-distance"];
+    let more = [&more[..], &["--extremes", "1", "--pictures", "3"]].concat();
+    world.bench("3.3", "run", &more).code(0);
+    let rows = world.rows("run");
+    let list = fs::read_to_string(world.path("run/pictures/pictures.csv")).unwrap();
+    let first = &rows[0].context.protocol;
+    for row in rows.iter().filter(|row| row.context.protocol == *first) {
+        let expected = format!(
+            "m,{},{first},{},{},",
+            row.image, row.context.protocol_digest, row.score.metrics.abs_rel
+        );
+        assert_eq!(
+            list.matches(&expected).count(),
+            1,
+            "no {expected} in {list}"
+        );
+    }
+    let (set, out) = (world.path("set"), world.path("out"));
+    let file = text(&world.path("run/rows.csv"));
+    let chosen = ["--rows", &file, "--worst", "1", "--protocol", "eigen-50"];
+    figures(&set, &out, &[&["--model", &model], &chosen[..]].concat()).code(0);
+    let of_50 = rows.iter().filter(|row| row.context.protocol == "eigen-50");
+    let error = |row: &&Row| row.score.metrics.abs_rel;
+    let worst = of_50.max_by(|a, b| error(a).total_cmp(&error(b))).unwrap();
+    let caption = format!(
+        "m: relative error, 0 to 0.5; Abs Rel {:.3} under eigen-50",
+        worst.score.metrics.abs_rel
+    );
+    let sheet = svg(&out, "comparison");
+    assert!(sheet.contains(&caption), "no {caption}");
+    assert!(sheet.contains(&worst.image));
+    // Rows say nothing about a protocol that they were not measured under.
+    let chosen = [
+        "--rows",
+        &file,
+        "--worst",
+        "1",
+        "--protocol",
+        "eigen-cameraz-80",
+    ];
+    figures(&set, &out, &[&["--model", &model], &chosen[..]].concat())
+        .code(2)
+        .says("no images under eigen-cameraz-80; they are about eigen-50, eigen-80, eigen-80-distance");
 }
 
 /// A set as `prep make3d` makes it: one picture, and a coarse laser grid of its middle.

@@ -7,8 +7,8 @@ use std::{
 
 use image::{Rgb, RgbImage};
 use strat_bench::{
+    draw::legend,
     model::{self, Model},
-    quantity,
     runtime::{Device, Runtime, RuntimeChoice},
 };
 use strat_store::{exr, image_files};
@@ -154,7 +154,7 @@ fn depth_is_what_is_worked_out_by_hand() {
     let colour = image_files::read_rgb(&world.path("out/a.color.png")).unwrap();
     assert_eq!(
         colour.dimensions(),
-        (WIDTH, HEIGHT + quantity::legend_height(WIDTH))
+        (WIDTH, HEIGHT + legend::legend_height(WIDTH))
     );
     let record = fs::read_to_string(world.path("out/predict.yaml")).unwrap();
     for line in [
@@ -283,7 +283,7 @@ fn names_that_collide_are_refused_before_anything_is_written() {
     let model = world.constant();
     bench(&["predict", &photos, "--model", &model, "--out", &inside])
         .code(2)
-        .says("where images are looked for");
+        .says("is inside the input folder");
     assert_eq!(world.written(), Vec::<String>::new());
 }
 

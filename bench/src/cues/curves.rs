@@ -1,34 +1,17 @@
-//! Figures 4.3 to 4.10: curves from rows alone, and sheets of composites with their depth.
-//!
-//! Curves (4.5, 4.6, 4.7's steps, 4.9, 4.10) are functions of [`CueRow`]s. Sheets (4.3, 4.4, 4.7,
-//! 4.8) show composites of the first background beside what the model makes of them; they need
-//! the model once and are kept when a folder is drawn again. Depth is coloured as inverse depth
-//! (magma, bright is near) with one scale for all pictures of a sheet.
+//! Figures 4.5, 4.6, 4.7's steps, 4.9 and 4.10: curves from rows alone.
 
-use image::RgbImage;
 use strat_metrics::cues::{fit_through_origin, pseudo_angle_deg, visual_angle_deg};
-use strat_store::{image_files, raster::Plane, resize};
 
 use super::{
-    experiments::{CAMERA_HEIGHT_M, Cast, Job},
+    experiments::CAMERA_HEIGHT_M,
     rows::{Condition, CueRow, Experiment, Unit},
-    run::{Background, Reader, compose},
-    summary::{PSEUDO_ANGLE_END, distinct, series},
+    summary::{LEAST_STEP, PSEUDO_ANGLE_END, distinct, relative_step, series},
 };
-use crate::{
-    draw::chart::{Chart, Curve, Panel, Sheet, Tile},
-    draw::comparison,
-    model::{self, Model, ModelError},
-    quantity::{self, Scale, ScaleUnit},
-};
+use crate::draw::chart::{Chart, Curve, Panel};
 
-/// A figure ready to be written: file name without ending, and its SVG.
+/// A figure ready to be written: file name without extension, and its SVG.
 pub type Figure = (&'static str, String);
 
-/// Width of a picture within a sheet.
-const TILE_WIDTH: u32 = 460;
-/// JPEG quality of composites within a sheet.
-const PICTURE_QUALITY: u8 = 90;
 /// Ends the vertical axis: depth is clipped there.
 const DEPTH_END_M: f64 = 80.0;
 /// The thesis' camera height in equation 4.1, metres.
@@ -202,6 +185,7 @@ fn size_chart(model: &str, rows: &[&CueRow]) -> Chart {
                 y,
                 curves: absolute,
                 highest,
+                ..Panel::default()
             },
             Panel {
                 title: "over the clean background's at the same pixels".to_owned(),
@@ -209,6 +193,7 @@ fn size_chart(model: &str, rows: &[&CueRow]) -> Chart {
                 y: "relative depth".to_owned(),
                 highest: highest_of(&relative, names.len()),
                 curves: relative,
+                ..Panel::default()
             },
         ],
     }
@@ -254,6 +239,7 @@ fn pair_chart(model: &str, both: &[&CueRow], pair: &[&CueRow]) -> Chart {
         y,
         curves,
         highest,
+        ..Panel::default()
     };
     Chart {
         title: format!("Figure 4.6  One unfamiliar object against two: {model}"),
@@ -273,45 +259,45 @@ fn pair_chart(model: &str, both: &[&CueRow], pair: &[&CueRow]) -> Chart {
     }
 }
 
-fn step_chart(model: &str, rows: &[&CueRow]) -> Chart {
+/// The effect that the words about occlusion judge, size by size and with their sign.
+pub(super) fn step_chart(model: &str, rows: &[&CueRow]) -> Chart {
     let names = distinct(rows.iter().map(|row| row.sprite.as_str()));
-    let unit = if depth_label(rows).1.is_some() {
-        "step in depth (m)"
-    } else {
-        "step in depth (relative)"
-    };
     let panels = names
         .iter()
         .map(|name| {
             let line = |condition, label: &str| {
                 let size = |row: &CueRow| row.height_px;
-                let step = |row: &CueRow| row.step_depth.map_or(f64::NAN, f64::abs);
+                let step = |row: &CueRow| relative_step(row).unwrap_or(f64::NAN);
                 curve(rows, (name, condition), label.to_owned(), size, step)
             };
-            let clean = curve(
-                rows,
-                (name, Condition::Same),
-                String::new(),
-                |row| row.height_px,
-                |row| row.clean_step_depth.map_or(f64::NAN, f64::abs),
-            );
+            let same = line(Condition::Same, "same luminance");
+            let at = |value: f64| same.points.iter().map(|point| (point.0, value)).collect();
+            let bounds = [
+                guide(
+                    format!("{LEAST_STEP}: occlusion counts from here"),
+                    at(LEAST_STEP),
+                ),
+                guide(
+                    format!("-{LEAST_STEP}: reversed from here"),
+                    at(-LEAST_STEP),
+                ),
+            ];
+            let contrast = line(Condition::Contrast, "occluder of other luminance");
             Panel {
                 title: format!("{name} ({})", familiarity(rows, name)),
                 x: "height of the occluder (px)".to_owned(),
-                y: unit.to_owned(),
-                curves: vec![
-                    line(Condition::Same, "same luminance"),
-                    line(Condition::Contrast, "occluder of other luminance"),
-                    guide("clean background, same pixels", clean.points),
-                ],
-                highest: None,
+                y: "step beyond the background's, over depth".to_owned(),
+                curves: [same, contrast].into_iter().chain(bounds).collect(),
+                signed: true,
+                ..Panel::default()
             }
         })
         .collect();
     Chart {
         title: format!("Figure 4.7  Depth step at an occluder's edge: {model}"),
         note: format!(
-            "|median 3 px outside - median 3 px inside|, mean and standard deviation over {} backgrounds",
+            "above 0: the hidden object is deeper, as it should be; mean and standard deviation over \
+             {} backgrounds",
             backgrounds_of(rows)
         ),
         panels,
@@ -364,6 +350,7 @@ fn angle_chart(model: &str, rows: &[&CueRow]) -> Chart {
         y: y.clone(),
         curves,
         highest,
+        ..Panel::default()
     };
     let mut panels = Vec::new();
     if rows.iter().all(|row| row.focal_px.is_some()) {
@@ -450,7 +437,7 @@ fn equation_chart(model: &str, rows: &[&CueRow]) -> Chart {
                 x: axis.clone(),
                 y: "d (m)".to_owned(),
                 curves: vec![guide("0.25 m tan(angle)", tangent(EQUATION_HEIGHT_M))],
-                highest: None,
+                ..Panel::default()
             },
             Panel {
                 title: "measured".to_owned(),
@@ -458,307 +445,8 @@ fn equation_chart(model: &str, rows: &[&CueRow]) -> Chart {
                 y,
                 curves,
                 highest,
+                ..Panel::default()
             },
         ],
     }
-}
-
-/// What a sheet shows of one composite.
-struct Shown {
-    picture: RgbImage,
-    depth: Plane,
-    caption: String,
-}
-
-/// The sheets 4.3, 4.4, 4.7 and 4.8 of one model, over the first background.
-///
-/// # Errors
-/// The model fails on a composite.
-pub fn sheets(
-    model: &mut Model,
-    cast: &Cast,
-    backgrounds: &[Background],
-    clean: &[Result<Plane, String>],
-    jobs: &[Job],
-) -> Result<Vec<Figure>, ModelError> {
-    let Some((place, Ok(clean))) = clean.iter().enumerate().find(|(_, map)| map.is_ok()) else {
-        return Ok(Vec::new());
-    };
-    let background = &backgrounds[place];
-    let reader = Reader::new(model, background, clean);
-    let unit = reader.unit();
-    let model_name = model.name.clone();
-    let scales = jobs
-        .iter()
-        .filter(|job| job.experiment == Experiment::Size)
-        .map(|job| job.step)
-        .max()
-        .unwrap_or(1);
-    let mut show = |job: &Job, which: usize| -> Result<Option<Shown>, ModelError> {
-        let Some((_, pastes)) = job.composites.get(which) else {
-            return Ok(None);
-        };
-        let (picture, _) = compose(cast, background, pastes);
-        let tensor = model::prepare_input(&picture, &model.description.input);
-        let depth = reader.whole(&model.predict(&tensor)?);
-        let last = pastes.last().map(|paste| paste.place);
-        Ok(Some(Shown {
-            picture,
-            depth,
-            caption: last.map_or_else(String::new, |place| {
-                format!(
-                    "{:.0} px high, contact row {:.0}",
-                    place.height_px, place.contact_row
-                )
-            }),
-        }))
-    };
-    let here = |experiment: Experiment| {
-        jobs.iter()
-            .filter(move |job| job.background == place && job.experiment == experiment)
-    };
-    let name_of = |job: &Job| {
-        let last = job.composites.first().and_then(|(_, pastes)| pastes.last());
-        last.map_or_else(String::new, |paste| cast.sprites[paste.sprite].name.clone())
-    };
-    let familiar = |job: &Job| {
-        let last = job.composites.first().and_then(|(_, pastes)| pastes.last());
-        last.is_some_and(|paste| cast.sprites[paste.sprite].familiar)
-    };
-    let factors = [1, (scales / 10).max(2), (scales / 3).max(3), scales];
-    let note = format!(
-        "background {}; depth coloured as its inverse, one scale for all, bright is near",
-        background.id
-    );
-    let mut figures = Vec::new();
-    for (file, title, wanted) in [
-        (
-            "fig_4_3",
-            "Figure 4.3  Familiar objects of different size",
-            true,
-        ),
-        (
-            "fig_4_4",
-            "Figure 4.4  Unfamiliar objects of different size",
-            false,
-        ),
-    ] {
-        let mut groups: Vec<Vec<Shown>> = Vec::new();
-        for experiment in [Experiment::Size, Experiment::SizePair] {
-            let of_kind: Vec<&Job> = here(experiment)
-                .filter(|job| familiar(job) == wanted)
-                .collect();
-            for name in distinct(
-                of_kind
-                    .iter()
-                    .map(|job| name_of(job))
-                    .collect::<Vec<_>>()
-                    .iter()
-                    .map(String::as_str),
-            ) {
-                let mut row = Vec::new();
-                for job in of_kind
-                    .iter()
-                    .filter(|job| factors.contains(&job.step) && name_of(job) == name)
-                {
-                    if let Some(mut shown) = show(job, 0)? {
-                        shown.caption = format!("{name}, k = {}: {}", job.step, shown.caption);
-                        row.push(shown);
-                    }
-                }
-                groups.push(row);
-            }
-        }
-        if groups.iter().any(|row| !row.is_empty()) {
-            figures.push((
-                file,
-                pairs_sheet(format!("{title}: {}", model_name), &note, groups, unit).svg(),
-            ));
-        }
-    }
-    let mut rows = Vec::new();
-    let occlusions: Vec<&Job> = here(Experiment::Occlusion)
-        .filter(|job| job.step == 3)
-        .collect();
-    for job in occlusions {
-        if let (Some(same), Some(contrast)) = (show(job, 0)?, show(job, 1)?) {
-            rows.push((name_of(job), same, contrast));
-        }
-    }
-    if !rows.is_empty() {
-        let title = format!(
-            "Figure 4.7  Occlusion and luminance contrast: {}",
-            model_name
-        );
-        figures.push(("fig_4_7", occlusion_sheet(title, &note, &rows, unit).svg()));
-    }
-    let mut groups = Vec::new();
-    for (condition, words) in [
-        (Condition::SizeChanges, "A: size follows the ground"),
-        (Condition::SizeFixed, "B: size fixed"),
-    ] {
-        let mut row = Vec::new();
-        for job in here(Experiment::Height)
-            .filter(|job| {
-                job.composites
-                    .first()
-                    .is_some_and(|(own, _)| *own == condition)
-            })
-            .filter(|job| [4, 14, 26, 38].contains(&job.step))
-        {
-            if let Some(mut shown) = show(job, 0)? {
-                shown.caption = format!("{words}; {}", shown.caption);
-                row.push(shown);
-            }
-        }
-        groups.push(row);
-    }
-    if groups.iter().any(|row| !row.is_empty()) {
-        let title = format!("Figure 4.8  Height in the visual field: {}", model_name);
-        figures.push(("fig_4_8", pairs_sheet(title, &note, groups, unit).svg()));
-    }
-    Ok(figures)
-}
-
-fn inverse(depth: &Plane) -> Plane {
-    Plane {
-        width: depth.width,
-        height: depth.height,
-        data: depth
-            .data
-            .iter()
-            .map(|&depth| if depth > 0.0 { 1.0 / depth } else { 0.0 })
-            .collect(),
-    }
-}
-
-fn tile(picture: &RgbImage, caption: String) -> Tile {
-    Tile {
-        caption,
-        data: image_files::encode_png_rgb(picture),
-        format: "png",
-        size: picture.dimensions(),
-    }
-}
-
-fn tile_size(width: usize, height: usize) -> (usize, usize) {
-    let narrow = TILE_WIDTH.min(width as u32) as usize;
-    (narrow, (height * narrow).div_ceil(width).max(1))
-}
-
-fn picture_tile(picture: &RgbImage, caption: String) -> Tile {
-    let (width, height) = tile_size(picture.width() as usize, picture.height() as usize);
-    let small = resize::rgb(picture, width as u32, height as u32, resize::Kernel::Area);
-    Tile {
-        data: image_files::encode_jpeg_rgb(&small, PICTURE_QUALITY),
-        format: "jpeg",
-        ..tile(&small, caption)
-    }
-}
-
-fn depth_tile(depth: &Plane, brightest: f32, unit: Unit, caption: String) -> Tile {
-    let (width, height) = tile_size(depth.width, depth.height);
-    let small = resize::area_f32(&inverse(depth), width, height);
-    let scale = Scale {
-        unit: (unit == Unit::M).then_some(ScaleUnit::Metres),
-        brightest,
-    };
-    tile(&quantity::colour(&small, scale), caption)
-}
-
-/// The brightest colour of several maps together.
-fn brightest<'a>(depths: impl Iterator<Item = &'a Plane>) -> f32 {
-    depths
-        .map(|depth| quantity::brightest_of(&inverse(depth)))
-        .fold(f32::MIN_POSITIVE, f32::max)
-}
-
-/// Composites in one row, their depth in the row below.
-fn pairs_sheet(title: String, note: &str, groups: Vec<Vec<Shown>>, unit: Unit) -> Sheet {
-    let brightest = brightest(groups.iter().flatten().map(|shown| &shown.depth));
-    let mut rows = Vec::new();
-    for group in groups {
-        rows.push(
-            group
-                .iter()
-                .map(|shown| picture_tile(&shown.picture, shown.caption.clone()))
-                .collect(),
-        );
-        rows.push(
-            group
-                .iter()
-                .map(|shown| depth_tile(&shown.depth, brightest, unit, "depth".to_owned()))
-                .collect(),
-        );
-    }
-    Sheet {
-        title,
-        note: note.to_owned(),
-        rows,
-    }
-}
-
-/// (a) to (d) of figure 4.7 for each kind of object.
-fn occlusion_sheet(
-    title: String,
-    note: &str,
-    rows: &[(String, Shown, Shown)],
-    unit: Unit,
-) -> Sheet {
-    let brightest = brightest(rows.iter().flat_map(|(_, a, b)| [&a.depth, &b.depth]));
-    let difference = |a: &Plane, b: &Plane| Plane {
-        width: a.width,
-        height: a.height,
-        data: a
-            .data
-            .iter()
-            .zip(&b.data)
-            .map(|(a, b)| (a - b).abs())
-            .collect(),
-    };
-    let changes: Vec<Plane> = rows
-        .iter()
-        .map(|(_, a, b)| difference(&a.depth, &b.depth))
-        .collect();
-    // One scale here too; the largest changes would hide the rest.
-    let largest = changes
-        .iter()
-        .map(comparison::percentile_95)
-        .fold(f32::MIN_POSITIVE, f32::max);
-    let end = match unit {
-        Unit::M => format!("{largest:.2} m"),
-        Unit::Relative => format!("{largest:.3} (relative)"),
-    };
-    let mut sheet = Sheet {
-        title,
-        note: note.to_owned(),
-        rows: Vec::new(),
-    };
-    for ((name, same, contrast), change) in rows.iter().zip(&changes) {
-        let (width, height) = tile_size(change.width, change.height);
-        let small = resize::area_f32(change, width, height);
-        let picture = RgbImage::from_fn(width as u32, height as u32, |x, y| {
-            comparison::magma(small.data[y as usize * width + x as usize] / largest)
-        });
-        sheet.rows.push(vec![
-            picture_tile(
-                &contrast.picture,
-                format!("(a) {name}: occluder of other luminance"),
-            ),
-            depth_tile(
-                &same.depth,
-                brightest,
-                unit,
-                "(b) depth, same luminance".to_owned(),
-            ),
-            depth_tile(
-                &contrast.depth,
-                brightest,
-                unit,
-                "(c) depth, other luminance".to_owned(),
-            ),
-            tile(&picture, format!("(d) |b - c|, black 0, brightest {end}")),
-        ]);
-    }
-    sheet
 }

@@ -1,0 +1,105 @@
+//! What a run has measured so far, so that an interrupted one goes on where it stopped.
+//!
+//! A file of rows per model in the output folder, to which the rows of each job are added as soon as
+//! they are there. Its name carries a digest of everything that can change a row: another model, other
+//! sprites, backgrounds or options have another journal. A finished run removes its journals.
+
+use std::{
+    fs::File,
+    io::Write as _,
+    path::{Path, PathBuf},
+};
+
+use strat_store::files;
+
+use super::{error::CueError, rows::CueRow};
+use crate::evaluate::record::slug;
+
+/// The open journal of one model.
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+    /// The header line is written with the first row.
+    has_header: bool,
+}
+
+impl Journal {
+    /// Opens the journal of `model` in `folder` and returns with it the rows that an interrupted run left
+    /// there. `identity` is everything that can change a row.
+    ///
+    /// # Errors
+    /// The file cannot be written. One that cannot be read is begun anew.
+    pub fn open(
+        folder: &Path,
+        model: &str,
+        identity: &str,
+    ) -> Result<(Self, Vec<CueRow>), CueError> {
+        let digest = files::blake3_hex(identity.as_bytes());
+        let name = format!(
+            "unfinished-cues-{}-{}.csv",
+            slug(model),
+            files::digest_prefix(&digest)
+        );
+        let path = folder.join(name);
+        let found = read(&path);
+        files::write_csv(&path, &found)?;
+        let file = File::options().append(true).open(&path);
+        let file = file.map_err(|error| unwritable(&path, error))?;
+        let journal = Self {
+            has_header: !found.is_empty(),
+            path,
+            file,
+        };
+        Ok((journal, found))
+    }
+
+    /// Adds the rows of one job.
+    ///
+    /// # Errors
+    /// The disk is full or gone.
+    pub fn add(&mut self, rows: &[CueRow]) -> Result<(), CueError> {
+        let mut writer = csv::WriterBuilder::new()
+            .has_headers(!self.has_header)
+            .from_writer(Vec::new());
+        for row in rows {
+            writer
+                .serialize(row)
+                .map_err(|error| unwritable(&self.path, error.into()))?;
+        }
+        self.has_header |= !rows.is_empty();
+        let bytes = writer
+            .into_inner()
+            .map_err(|error| unwritable(&self.path, error.into_error()))?;
+        // One call of the system for each job, so that its rows stay together.
+        self.file
+            .write_all(&bytes)
+            .map_err(|error| unwritable(&self.path, error))
+    }
+
+    /// Removes the journal: its rows are in the results.
+    ///
+    /// # Errors
+    /// It cannot be removed.
+    pub fn finish(self) -> Result<(), CueError> {
+        drop(self.file);
+        Ok(files::remove(&self.path)?)
+    }
+}
+
+fn unwritable(path: &Path, source: std::io::Error) -> CueError {
+    CueError::Journal {
+        path: path.to_path_buf(),
+        source,
+    }
+}
+
+/// The rows of a file up to its last whole line; none if it is not there or something else.
+fn read(path: &Path) -> Vec<CueRow> {
+    let Ok(mut bytes) = std::fs::read(path) else {
+        return Vec::new();
+    };
+    let end = bytes.iter().rposition(|&byte| byte == b'\n');
+    bytes.truncate(end.map_or(0, |end| end + 1));
+    let rows = csv::Reader::from_reader(bytes.as_slice()).into_deserialize();
+    rows.collect::<Result<_, _>>().unwrap_or_default()
+}

@@ -1,0 +1,389 @@
+//! One run of the experiments: models one after the other, what they leave behind, and the files.
+
+use std::{
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+use serde::Serialize;
+use strat_metrics::statistics::Bootstrap;
+use strat_store::{
+    files, human,
+    progress::Progress,
+    set::{Content, PreparedSet},
+    yaml,
+};
+
+use super::{
+    backgrounds::{Background, horizon_row},
+    curves::{self, Figure},
+    error::CueError,
+    experiments::{Cast, Job},
+    journal::Journal,
+    measure::{self, Failure, Outcome, Plan},
+    rows::{self, CueRow},
+    sheets,
+    summary::{self, Summary, distinct},
+};
+use crate::{
+    draw::png::png,
+    evaluate::record::{TOOL_VERSION, slug},
+    model::{Description, Model},
+};
+
+/// File names of a run beside the rows.
+const RECORD: &str = "cues.yaml";
+/// Composites without a row.
+pub const FAILURES: &str = "failures.csv";
+const WORDS: &str = "summary.csv";
+const STATISTICS: &str = "statistics.csv";
+const MARKDOWN: &str = "summary.md";
+
+/// PNG pixels for each unit of the SVG.
+const CHART_ZOOM: f32 = 2.0;
+const SHEET_ZOOM: f32 = 1.0;
+
+/// Everything that is the same for all models of a run.
+pub struct Session<'a> {
+    /// The prepared set.
+    pub set: &'a PreparedSet,
+    /// The sprites.
+    pub cast: Cast,
+    /// The pictures they are pasted into.
+    pub backgrounds: Vec<Background>,
+    /// The composites.
+    pub jobs: Vec<Job>,
+    /// Number of sizes of the size experiment.
+    pub scales: u32,
+    /// Threads beside the model.
+    pub pool: &'a rayon::ThreadPool,
+    /// Where results are written.
+    pub out: &'a Path,
+    /// No progress.
+    pub quiet: bool,
+}
+
+/// What ran; written beside the rows.
+#[derive(Serialize)]
+struct Record<'a> {
+    tool: &'static str,
+    tool_version: &'static str,
+    arguments: &'a [String],
+    data: &'a Path,
+    data_digest: &'a str,
+    content: Content,
+    source: String,
+    backgrounds: Vec<BackgroundRecord<'a>>,
+    sprites: Vec<SpriteRecord<'a>>,
+    composites: usize,
+    jobs: usize,
+    models: &'a [ModelRecord],
+}
+
+#[derive(Serialize)]
+struct BackgroundRecord<'a> {
+    id: &'a str,
+    horizon_row: f64,
+    /// Share of humans and vehicles where sprites go, where the set has labels.
+    occupied: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct SpriteRecord<'a> {
+    name: &'a str,
+    height_m: f64,
+    blake3: &'a str,
+}
+
+/// A model and how it went.
+#[derive(Debug, Serialize)]
+pub struct ModelRecord {
+    name: String,
+    file: PathBuf,
+    blake3: String,
+    description: Description,
+    runtime: String,
+    provider: String,
+    device: String,
+    rows: usize,
+    failures: usize,
+    seconds: f64,
+    /// Share of that time in which the model did not run.
+    overhead: f64,
+    /// What was warned about, such as a training on the backgrounds' drives.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
+}
+
+/// A failure as a line of [`FAILURES`].
+#[derive(Debug, Serialize)]
+pub struct FailureRow {
+    model: String,
+    background: String,
+    reason: String,
+}
+
+/// What one model has answered.
+pub struct Answers {
+    /// Its rows, failures and times.
+    pub outcome: Outcome,
+    /// For the record of the run.
+    pub record: ModelRecord,
+    /// Removed once the rows are in the results.
+    pub journal: Journal,
+}
+
+/// What is known of a model besides its file.
+pub struct Asked<'a> {
+    /// The model.
+    pub model: &'a mut Model,
+    /// Its file.
+    pub file: &'a Path,
+    /// Where it runs.
+    pub device: String,
+    /// What was warned about.
+    pub warnings: Vec<String>,
+}
+
+impl Session<'_> {
+    /// Number of composites.
+    #[must_use]
+    pub fn composites(&self) -> usize {
+        self.jobs.iter().map(|job| job.composites.len()).sum()
+    }
+
+    /// What there is to know about the backgrounds.
+    #[must_use]
+    pub fn notes(&self, horizon_is_given: bool) -> Vec<String> {
+        let mut notes = Vec::new();
+        let content = self.set.manifest.content;
+        let is_known = |background: &Background| {
+            horizon_row(content, background.ground.width, background.ground.height).1
+        };
+        if !horizon_is_given && !self.backgrounds.iter().all(is_known) {
+            notes.push(
+                "the cameras' horizon is not known for this collection and taken for the middle row; \
+                 give --horizon-row"
+                    .to_owned(),
+            );
+        }
+        let shares = self
+            .backgrounds
+            .iter()
+            .map(|background| background.occupied);
+        let worst = shares.fold(Some(0.0_f64), |worst, share| Some(worst?.max(share?)));
+        match worst {
+            None => notes.push(
+                "the set has no labels, so backgrounds are not checked for cars and people in the \
+                 path; choose them with --frames"
+                    .to_owned(),
+            ),
+            Some(share) if share > 0.02 => notes.push(format!(
+                "humans and vehicles cover up to {:.0} % of the path in the backgrounds",
+                100.0 * share
+            )),
+            Some(_) => {}
+        }
+        notes
+    }
+
+    fn plan(&self) -> Plan<'_> {
+        Plan {
+            cast: &self.cast,
+            backgrounds: &self.backgrounds,
+            jobs: &self.jobs,
+        }
+    }
+
+    /// Everything that can change a row of this model.
+    fn identity(&self, model: &Model) -> Result<String, CueError> {
+        let sprites = self.cast.sprites.iter();
+        let sprites: Vec<String> = sprites
+            .map(|sprite| format!("{} {} {}", sprite.name, sprite.height_m, sprite.blake3))
+            .collect();
+        let backgrounds = self.backgrounds.iter();
+        let backgrounds: Vec<String> = backgrounds
+            .map(|one| format!("{} {}", one.id, one.ground.horizon_row))
+            .collect();
+        Ok(format!(
+            "{}\n{}\n{} {}\n{}\n{}\n{}\n{}\n{}",
+            model.file.blake3,
+            yaml::to_string(&model.description)?,
+            model.runtime(),
+            model.provider(),
+            self.set.manifest.data_digest,
+            sprites.join("\n"),
+            backgrounds.join("\n"),
+            self.scales,
+            TOOL_VERSION,
+        ))
+    }
+
+    /// Asks a model about all composites that an interrupted run has not, and draws its sheets. `note`
+    /// is told how long it will take.
+    ///
+    /// # Errors
+    /// The model fails on every background, or results cannot be kept.
+    pub fn ask(&self, asked: Asked<'_>, note: impl Fn(&str)) -> Result<Answers, CueError> {
+        let Asked {
+            model,
+            file,
+            device,
+            warnings,
+        } = asked;
+        let plan = self.plan();
+        let name = model.name.clone();
+        let (mut journal, found) = Journal::open(self.out, &name, &self.identity(model)?)?;
+        let (before, left) = plan.part(found);
+        let started = Instant::now();
+        let clean = measure::predict_clean(model, &self.backgrounds)?;
+        let rate = self.backgrounds.len() as f64 / started.elapsed().as_secs_f64().max(1e-9);
+        let count = |jobs: &[Job]| jobs.iter().map(|job| job.composites.len()).sum::<usize>();
+        let (all, to_do) = (self.composites(), count(&left));
+        if to_do < all {
+            note(&format!(
+                "note: {name}: {} of {all} composites were measured before the last run was \
+                 interrupted; continuing",
+                all - to_do
+            ));
+        }
+        note(&format!(
+            "{name}: {to_do} composites at about {rate:.1}/s: {}",
+            human::duration(to_do as f64 / rate)
+        ));
+        let progress = Progress::new(&name, to_do as u64, "composites", self.quiet);
+        let rest = Plan {
+            jobs: &left,
+            ..plan
+        };
+        let mut outcome = measure::run(model, &rest, &clean, self.pool, &progress, |rows| {
+            journal.add(rows)
+        })?;
+        progress.finish();
+        outcome.rows = plan.in_order([before, outcome.rows].concat());
+        if !outcome.rows.is_empty() {
+            let sheets = sheets::sheets(model, &plan, &clean)?;
+            write_figures(self.out, &name, &sheets, SHEET_ZOOM)?;
+        }
+        let record = ModelRecord {
+            name,
+            file: file.to_path_buf(),
+            blake3: model.file.blake3.clone(),
+            description: model.description.clone(),
+            runtime: model.runtime().to_owned(),
+            provider: model.provider().to_owned(),
+            device,
+            rows: outcome.rows.len(),
+            failures: outcome.failures.len(),
+            seconds: rounded(outcome.wall),
+            overhead: (1000.0 * outcome.overhead()).round() / 1000.0,
+            warnings,
+        };
+        Ok(Answers {
+            outcome,
+            record,
+            journal,
+        })
+    }
+
+    /// Writes what ran.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write_record(
+        &self,
+        data: &Path,
+        models: &[ModelRecord],
+        arguments: &[String],
+    ) -> Result<(), CueError> {
+        let manifest = &self.set.manifest;
+        let record = Record {
+            tool: "bench cues",
+            tool_version: TOOL_VERSION,
+            arguments,
+            data,
+            data_digest: &manifest.data_digest,
+            content: manifest.content,
+            source: manifest.source.to_string(),
+            backgrounds: self
+                .backgrounds
+                .iter()
+                .map(|background| BackgroundRecord {
+                    id: &background.id,
+                    horizon_row: background.ground.horizon_row,
+                    occupied: background.occupied,
+                })
+                .collect(),
+            sprites: self
+                .cast
+                .sprites
+                .iter()
+                .map(|sprite| SpriteRecord {
+                    name: &sprite.name,
+                    height_m: sprite.height_m,
+                    blake3: &sprite.blake3,
+                })
+                .collect(),
+            composites: self.composites(),
+            jobs: self.pool.current_num_threads(),
+            models,
+        };
+        let text = yaml::to_string(&record)?;
+        Ok(files::write_atomic(
+            &self.out.join(RECORD),
+            text.as_bytes(),
+        )?)
+    }
+}
+
+impl FailureRow {
+    /// A failure of a model.
+    #[must_use]
+    pub fn new(model: &str, failure: &Failure) -> Self {
+        Self {
+            model: model.to_owned(),
+            background: failure.background.clone(),
+            reason: failure.reason.clone(),
+        }
+    }
+}
+
+fn rounded(time: Duration) -> f64 {
+    (1000.0 * time.as_secs_f64()).round() / 1000.0
+}
+
+/// Summary and curves from rows alone.
+///
+/// # Errors
+/// A file cannot be written.
+pub fn write_results(out: &Path, rows: &[CueRow]) -> Result<Summary, CueError> {
+    let summary = summary::summarise(rows, &Bootstrap::default());
+    files::write_csv(&out.join(WORDS), &summary.findings)?;
+    files::write_csv(&out.join(STATISTICS), &summary.statistics)?;
+    files::write_atomic(&out.join(MARKDOWN), summary.markdown().as_bytes())?;
+    for name in distinct(rows.iter().map(|row| row.model.as_str())) {
+        write_figures(out, name, &curves::curves(name, rows), CHART_ZOOM)?;
+    }
+    Ok(summary)
+}
+
+/// Draws figures and summary of a folder again.
+///
+/// # Errors
+/// There are no rows, or a file cannot be written.
+pub fn render(folder: &Path) -> Result<Summary, CueError> {
+    write_results(folder, &rows::read(folder)?)
+}
+
+fn write_figures(out: &Path, model: &str, figures: &[Figure], zoom: f32) -> Result<(), CueError> {
+    let folder = out.join("figures").join(slug(model));
+    for (name, svg) in figures {
+        files::write_atomic(&folder.join(format!("{name}.svg")), svg.as_bytes())?;
+        let drawn = png(svg, zoom).map_err(|source| CueError::Draw {
+            name: (*name).to_owned(),
+            source,
+        })?;
+        files::write_atomic(&folder.join(format!("{name}.png")), &drawn)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,223 @@
+//! All combinations of threads and batches for one model.
+
+use std::path::Path;
+
+use strat_splits::Role;
+use strat_store::{command::error_chain, progress::Progress, set::PreparedSet, spread, threads};
+
+use super::{
+    measure::{Bench, ImageFile, LatencyError, MAX_IMAGES, Measured, Minimum, wall_clock},
+    rows::{FORMAT, LatencyRow, Scenario, Stage},
+};
+use crate::{
+    evaluate::record::TOOL_VERSION,
+    images,
+    model::{Model, vet::vet},
+    notes::Notes,
+    quantity::StereoCamera,
+    runtime::{Device, Runtime, inventory::Processor, placement_text},
+};
+
+/// What stays the same for all models.
+pub struct Timing {
+    /// The inference library.
+    pub runtime: Runtime,
+    /// Where models run.
+    pub device: Device,
+    /// The images to take turns with.
+    pub images: Vec<ImageFile>,
+    /// Thread counts to try.
+    pub threads: Vec<usize>,
+    /// Batch sizes to try.
+    pub batches: Vec<usize>,
+    /// When a measurement is long enough.
+    pub minimum: Minimum,
+    /// What the machine has.
+    pub processor: Processor,
+}
+
+/// At most [`MAX_IMAGES`] test images of a set, spread evenly, with their cameras.
+///
+/// # Errors
+/// The set cannot be read.
+pub fn images_of_set(set: &PreparedSet) -> Result<Vec<ImageFile>, strat_store::Error> {
+    let samples = set.samples(Role::Test)?;
+    let few = spread::evenly(samples.len(), MAX_IMAGES).map(|index| &samples[index]);
+    let image = few.map(|sample| {
+        // The focal length belongs to the untouched image; 0 is not known.
+        let is_known =
+            sample.left_full.is_some() && sample.focal_px > 0.0 && sample.baseline_m > 0.0;
+        ImageFile {
+            path: set.path(sample.left_full.as_ref().unwrap_or(&sample.left)),
+            camera: is_known.then_some(StereoCamera {
+                focal_px: sample.focal_px,
+                baseline_m: sample.baseline_m,
+            }),
+        }
+    });
+    Ok(image.collect())
+}
+
+/// At most [`MAX_IMAGES`] images below a folder, spread evenly, taken by one camera.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn images_of_folder(
+    folder: &Path,
+    camera: Option<StereoCamera>,
+) -> Result<Vec<ImageFile>, strat_store::Error> {
+    let paths = images::below(folder)?;
+    let few = spread::evenly(paths.len(), MAX_IMAGES).map(|index| paths[index].clone());
+    Ok(few.map(|path| ImageFile { path, camera }).collect())
+}
+
+impl Timing {
+    /// Measures one model in every combination. A combination that fails is named and left out.
+    ///
+    /// # Errors
+    /// The model cannot be used, or its probe fails: what computes something else is not timed.
+    pub fn model(
+        &self,
+        name: &str,
+        file: &Path,
+        rows: &mut Vec<LatencyRow>,
+        notes: &mut Notes,
+    ) -> Result<(), LatencyError> {
+        let open = |threads| Model::open(name, file, &self.runtime, self.device, threads);
+        let mut accuracy = open(self.processor.threads)?;
+        let vetting = vet(&mut accuracy, None)?;
+        vetting.notes.iter().for_each(|note| notes.note(note));
+        if vetting.probe_failed() {
+            return Err(LatencyError::Probe(vetting.warnings.join("; ")));
+        }
+        vetting
+            .warnings
+            .into_iter()
+            .for_each(|warning| notes.warn(warning));
+        if let Some(placement) = placement_text(accuracy.placement()) {
+            notes.note(&format!("model {name}: {placement}"));
+        }
+        let mut batches = self.batches.clone();
+        if !accuracy.takes_batches() && batches.iter().any(|&batch| batch > 1) {
+            notes.note(&format!(
+                "model {name} has a fixed batch of 1, so other batches are left out; export it with an \
+                 open first dimension to time them"
+            ));
+            batches.retain(|&batch| batch == 1);
+        }
+        let bench = Bench::new(&self.images, &mut accuracy, &batches)?;
+        drop(accuracy);
+        for &threads in &self.threads {
+            let pool = threads::pool("bench", threads)?;
+            let mut model = open(threads)?;
+            for &batch in &batches {
+                let setting = Setting {
+                    threads,
+                    batch,
+                    pool: &pool,
+                };
+                match self.setting(&bench, &mut model, &setting, notes.quiet) {
+                    Ok(measured) => rows.extend(measured),
+                    Err(error) => notes.fail(format!(
+                        "model {name}, {threads} thread(s), batch {batch}: {}",
+                        error_chain(&error)
+                    )),
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn setting(
+        &self,
+        bench: &Bench<'_>,
+        model: &mut Model,
+        &Setting {
+            threads,
+            batch,
+            pool,
+        }: &Setting<'_>,
+        quiet: bool,
+    ) -> Result<Vec<LatencyRow>, LatencyError> {
+        let before = bench.verify(model, threads, batch)?;
+        let stream = self.minimum;
+        // A query of the offline scenario is whatever keeps all threads busy.
+        let at_once = batch * (2 * threads).div_ceil(batch);
+        let offline = |images_per_query: usize| Minimum {
+            queries: stream.queries.div_ceil(images_per_query as u64),
+            ..stream
+        };
+        let streaming = if batch == 1 {
+            Scenario::SingleStream
+        } else {
+            Scenario::MultiStream
+        };
+        let label = format!("{}, threads {threads}, batch {batch}", model.name);
+        let progress = Progress::new(&label, 4, "measurements", quiet);
+        let mut measured: Vec<(Stage, Scenario, Measured)> = Vec::new();
+        let file = bench.file_stage();
+        for (stage, scenario) in [
+            (Stage::Session, streaming),
+            (Stage::Session, Scenario::Offline),
+            (file, streaming),
+            (file, Scenario::Offline),
+        ] {
+            let clock = wall_clock();
+            let result = match (stage, scenario) {
+                (Stage::Session, Scenario::Offline) => {
+                    bench.time_session(model, batch, offline(batch), clock)?
+                }
+                (Stage::Session, _) => bench.time_session(model, batch, stream, clock)?,
+                (_, Scenario::Offline) => {
+                    bench.time_files(model, batch, at_once, pool, offline(at_once), clock)?
+                }
+                _ => bench.time_files(model, batch, batch, pool, stream, clock)?,
+            };
+            measured.push((stage, scenario, result));
+            progress.add(1);
+        }
+        progress.finish();
+        // A session that went wrong on its way has no figures either.
+        let max_difference = before.max(bench.verify(model, threads, batch)?);
+        let row = |(stage, scenario, measured): (Stage, Scenario, Measured)| {
+            let latencies = measured.latencies.filter(|_| scenario != Scenario::Offline);
+            LatencyRow {
+                format: FORMAT,
+                model: model.name.clone(),
+                model_hash: model.file.blake3.clone(),
+                device: self.device.to_string(),
+                provider: model.provider().to_owned(),
+                runtime: model.runtime().to_owned(),
+                threads,
+                batch,
+                scenario,
+                stage,
+                input_width: model.description.input.width,
+                input_height: model.description.input.height,
+                samples: self.images.len(),
+                queries: measured.queries,
+                images: measured.images,
+                seconds: measured.seconds,
+                images_per_second: measured.images as f64 / measured.seconds.max(1e-9),
+                mean_ms: latencies.map(|l| l.mean_ms),
+                min_ms: latencies.map(|l| l.min_ms),
+                p50_ms: latencies.map(|l| l.p50_ms),
+                p90_ms: latencies.map(|l| l.p90_ms),
+                p95_ms: latencies.map(|l| l.p95_ms),
+                p99_ms: latencies.map(|l| l.p99_ms),
+                max_ms: latencies.map(|l| l.max_ms),
+                max_difference,
+                processor: self.processor.model.clone(),
+                processor_threads: self.processor.threads,
+                tool_version: TOOL_VERSION.to_owned(),
+            }
+        };
+        Ok(measured.into_iter().map(row).collect())
+    }
+}
+
+struct Setting<'a> {
+    threads: usize,
+    batch: usize,
+    pool: &'a rayon::ThreadPool,
+}
