@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use strat_store::command::CliError;
+
 /// Result of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -49,28 +51,28 @@ pub enum Error {
     /// Reading or writing a file failed.
     #[error(transparent)]
     Store(#[from] strat_store::Error),
-    /// The operating system would not start the threads asked for.
-    #[error("cannot start {jobs} threads: {reason}")]
-    Threads {
-        /// Threads asked for.
-        jobs: usize,
-        /// The reason given.
-        reason: String,
-    },
 }
 
 impl Error {
     /// Whether the disk ran full while something was written.
-    pub fn is_full_disk(&self) -> bool {
+    fn is_full_disk(&self) -> bool {
         matches!(self, Self::Store(strat_store::Error::Io { source, .. })
             if source.kind() == std::io::ErrorKind::StorageFull)
     }
+}
 
-    /// Exit code of the command: 2 where the command line named the wrong thing, else 1.
-    pub fn exit_code(&self) -> u8 {
-        match self {
-            Self::Input { .. } | Self::Output { .. } | Self::Usage(_) => 2,
-            Self::Incomplete(_) | Self::Space { .. } | Self::Store(_) | Self::Threads { .. } => 1,
+impl From<Error> for CliError {
+    /// Wrong usage where the command line named the wrong thing.
+    fn from(error: Error) -> Self {
+        if error.is_full_disk() {
+            return Self::Failed(format!(
+                "{error}\nThe disk is full. Make room and run the same command again: finished files are kept."
+            ));
+        }
+        match error {
+            Error::Input { .. } | Error::Output { .. } | Error::Usage(_) => Self::usage(error),
+            Error::Incomplete(_) | Error::Space { .. } => Self::failed(error),
+            Error::Store(error) => error.into(),
         }
     }
 }
@@ -79,19 +81,42 @@ impl Error {
 mod tests {
     use std::io;
 
+    use strat_store::command::{FAILED, USAGE, exit_code};
+
     use super::*;
 
     #[test]
     fn a_full_disk_is_told_from_other_trouble() {
         let writing = |kind: io::ErrorKind| {
-            Error::from(strat_store::Error::Io {
+            let error = Error::from(strat_store::Error::Io {
                 action: "write",
                 path: PathBuf::from("images/a.png"),
                 source: kind.into(),
-            })
+            });
+            CliError::from(error).to_string()
         };
-        assert!(writing(io::ErrorKind::StorageFull).is_full_disk());
-        assert!(!writing(io::ErrorKind::PermissionDenied).is_full_disk());
-        assert!(!Error::Usage(String::new()).is_full_disk());
+        assert!(writing(io::ErrorKind::StorageFull).contains("images/a.png"));
+        assert!(writing(io::ErrorKind::StorageFull).contains("Make room"));
+        assert!(!writing(io::ErrorKind::PermissionDenied).contains("Make room"));
+    }
+
+    #[test]
+    fn wrong_usage_has_its_code() {
+        let code = |error: Error| exit_code(&CliError::from(error));
+        let problem = String::new();
+        let path = PathBuf::new();
+        assert_eq!(code(Error::Usage(problem.clone())), USAGE);
+        assert_eq!(code(Error::Incomplete(problem.clone())), FAILED);
+        assert_eq!(
+            code(Error::Output {
+                path: path.clone(),
+                problem: problem.clone()
+            }),
+            USAGE
+        );
+        assert_eq!(
+            code(Error::Store(strat_store::Error::Set { path, problem })),
+            USAGE
+        );
     }
 }

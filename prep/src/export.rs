@@ -1,4 +1,4 @@
-//! `prep export`: ground truth out of a prepared set, for other programs.
+//! Ground truth out of a prepared set, for other programs.
 //!
 //! Values are metres, 0 where nothing was measured. `npz` is one archive with one `f32` array
 //! (rows, columns) per frame named by its id, `npy` one such file per frame, `png16` one 16-bit
@@ -7,43 +7,19 @@
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use clap::ValueEnum;
 use strat_splits::Role;
+use strat_store::layout::DepthKind;
 use strat_store::raster::Plane;
-use strat_store::set::{FileRef, PreparedSet, Sample};
+use strat_store::set::{PreparedSet, Sample};
 use strat_store::{exr, files, image_files, npy};
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
-use crate::cli::{parse_role, say, tell};
 use crate::error::{Error, Result};
 
-/// Arguments of `prep export`.
-#[derive(Debug, clap::Args)]
-#[command(after_help = "\
-Examples:
-  prep export sets/eigen --kind velodyne --format npz --out gt      gt/test-velodyne.npz
-  prep export sets/own --format png16 --role val --out gt          gt/<id>.png, metres times 256")]
-pub(crate) struct Args {
-    /// A prepared set.
-    #[arg(value_name = "SET")]
-    set: PathBuf,
-    /// Folder to write to; files of the same names are replaced.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
-    /// What is written.
-    #[arg(long, value_enum)]
-    format: Format,
-    /// The samples.
-    #[arg(long, value_name = "ROLE", value_parser = parse_role, default_value = "test")]
-    role: Role,
-    /// The ground truth [default: the only one these samples have].
-    #[arg(long, value_enum)]
-    kind: Option<Kind>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Format {
+/// What is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
     /// One NumPy archive of all frames.
     Npz,
     /// A 16-bit picture per frame, metres times 256.
@@ -52,88 +28,63 @@ enum Format {
     Npy,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Kind {
-    /// Scan, along the scanner's x axis.
-    Velodyne,
-    /// Along the optical axis: scan, or ground truth of own pairs.
-    Camera,
-    /// Stereo 2015, pixels visible in both images.
-    Noc,
-    /// Stereo 2015, all measured pixels.
-    Occ,
-    /// Annotated depth of KITTI depth.
-    Annotated,
-    /// Laser grid of Make3D.
-    Laser,
-}
-
-impl Kind {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Velodyne => "velodyne",
-            Self::Camera => "camera",
-            Self::Noc => "noc",
-            Self::Occ => "occ",
-            Self::Annotated => "annotated",
-            Self::Laser => "laser",
-        }
-    }
-
-    fn file(self, sample: &Sample) -> Option<&FileRef> {
-        match self {
-            Self::Velodyne => &sample.depth_velodyne,
-            Self::Camera => &sample.depth_camera,
-            Self::Noc => &sample.depth_noc,
-            Self::Occ => &sample.depth_occ,
-            Self::Annotated => &sample.depth_annotated,
-            Self::Laser => &sample.depth_laser,
-        }
-        .as_ref()
-    }
-}
-
 /// What came of the frames.
-#[derive(Debug, Default)]
-struct Done {
-    frames: u64,
-    without: u64,
-    clipped: u64,
-    failed: u64,
+#[derive(Debug)]
+pub struct Exported {
+    /// The ground truth that was written.
+    pub kind: DepthKind,
+    /// The file or folder written to.
+    pub target: PathBuf,
+    /// Frames written.
+    pub frames: u64,
+    /// Samples without this ground truth.
+    pub without: u64,
+    /// Pixels beyond what the format holds.
+    pub clipped: u64,
+    /// Frames that could not be read, with the reason.
+    pub failed: Vec<String>,
 }
 
-/// Exports and returns the exit code: 1 if a frame could not be read.
-pub(crate) fn run(args: &Args) -> Result<u8> {
-    let set = PreparedSet::open(&args.set)?;
-    let samples = set.samples(args.role)?;
-    let kind = choose(args.kind, &samples, &set, args.role)?;
-    let inside = |out: &Path| {
-        let out = out
-            .ancestors()
-            .find_map(|folder| folder.canonicalize().ok());
-        let set = set.root.canonicalize().ok();
-        matches!((out, set), (Some(out), Some(set)) if out.starts_with(&set))
-    };
-    let absolute = std::path::absolute(&args.out).unwrap_or_else(|_| args.out.clone());
-    if inside(&absolute) {
+/// Writes the ground truth of a role's samples into `out`, replacing files of the same names; of the
+/// given kind, or of the only one there is.
+///
+/// # Errors
+/// The set cannot be read or has no such ground truth, or `out` lies inside it or cannot be written.
+pub fn export(
+    set: &PreparedSet,
+    role: Role,
+    kind: Option<DepthKind>,
+    format: Format,
+    out: &Path,
+) -> Result<Exported> {
+    let samples = set.samples(role)?;
+    let kind = choose(kind, &samples, set, role)?;
+    if lies_inside(out, &set.root) {
         return Err(Error::Output {
-            path: args.out.clone(),
+            path: out.to_owned(),
             problem: "this lies inside the set; give another folder".to_owned(),
         });
     }
-    files::check_writable(&args.out)?;
-
-    let mut done = Done::default();
-    let target = match args.format {
+    files::check_writable(out)?;
+    let mut done = Exported {
+        kind,
+        target: out.to_owned(),
+        frames: 0,
+        without: 0,
+        clipped: 0,
+        failed: Vec::new(),
+    };
+    match format {
         Format::Npz => {
-            let path = args.out.join(format!("{}-{}.npz", args.role, kind.name()));
+            done.target = out.join(format!("{role}-{}.npz", kind.as_str()));
+            let path = done.target.clone();
             files::write_atomic_with(&path, |out| {
                 let mut zip = ZipWriter::new_stream(out);
                 // No date of writing, so that the same set gives the same bytes.
                 let options = SimpleFileOptions::default()
                     .compression_method(zip::CompressionMethod::Deflated)
                     .last_modified_time(zip::DateTime::default());
-                each(&set, &samples, kind, &mut done, |id, plane, _| {
+                each(set, &samples, &mut done, |id, plane, _| {
                     zip.start_file(format!("{id}.npy"), options)
                         .map_err(io::Error::other)?;
                     zip.write_all(&npy::encode(plane.width, plane.height, &plane.data))
@@ -141,70 +92,53 @@ pub(crate) fn run(args: &Args) -> Result<u8> {
                 zip.finish().map_err(io::Error::other)?;
                 Ok(())
             })?;
-            path
         }
         Format::Npy | Format::Png16 => {
-            let ending = match args.format {
-                Format::Npy => "npy",
-                _ => "png",
-            };
             let write = |id: &str, plane: &Plane, clipped: &mut u64| {
-                let bytes = match args.format {
-                    Format::Npy => npy::encode(plane.width, plane.height, &plane.data),
-                    _ => png16(plane, clipped),
+                let (extension, bytes) = match format {
+                    Format::Png16 => ("png", png16(plane, clipped)),
+                    _ => ("npy", npy::encode(plane.width, plane.height, &plane.data)),
                 };
-                let mut path = args.out.clone();
-                path.extend(format!("{id}.{ending}").split('/'));
+                let path = out.join(format!("{id}.{extension}"));
                 files::write_atomic(&path, &bytes).map_err(io::Error::other)
             };
-            each(&set, &samples, kind, &mut done, write).map_err(|e| Error::Output {
-                path: args.out.clone(),
+            each(set, &samples, &mut done, write).map_err(|e| Error::Output {
+                path: out.to_owned(),
                 problem: e.to_string(),
             })?;
-            args.out.clone()
         }
-    };
-    say(format_args!(
-        "{} {} frames of {} ground truth: {}",
-        done.frames,
-        args.role,
-        kind.name(),
-        target.display()
-    ));
-    if done.without > 0 {
-        tell(format_args!(
-            "{} {} samples have no {} ground truth and were left out",
-            done.without,
-            args.role,
-            kind.name()
-        ));
     }
-    if done.clipped > 0 {
-        tell(format_args!(
-            "{} pixels are beyond 255.996 m, the most that 16 bits hold, and were written as that",
-            done.clipped
-        ));
-    }
-    Ok(u8::from(done.failed > 0))
+    Ok(done)
 }
 
-/// The kind asked for, or the only one there is.
-fn choose(asked: Option<Kind>, samples: &[Sample], set: &PreparedSet, role: Role) -> Result<Kind> {
-    let there: Vec<Kind> = Kind::value_variants()
-        .iter()
-        .copied()
-        .filter(|kind| samples.iter().any(|sample| kind.file(sample).is_some()))
+fn lies_inside(out: &Path, set: &Path) -> bool {
+    let absolute = std::path::absolute(out).unwrap_or_else(|_| out.to_owned());
+    let mut folders = absolute.ancestors();
+    let out = folders.find_map(|folder| folder.canonicalize().ok());
+    matches!((out, set.canonicalize()), (Some(out), Ok(set)) if out.starts_with(&set))
+}
+
+/// The given kind, or the only one there is.
+fn choose(
+    given: Option<DepthKind>,
+    samples: &[Sample],
+    set: &PreparedSet,
+    role: Role,
+) -> Result<DepthKind> {
+    let there: Vec<DepthKind> = DepthKind::ALL
+        .into_iter()
+        .filter(|kind| samples.iter().any(|sample| kind.of(sample).is_some()))
         .collect();
-    let names: Vec<_> = there.iter().map(|kind| kind.name()).collect();
+    let names: Vec<_> = there.iter().map(|kind| kind.as_str()).collect();
     let root = set.root.display();
-    match (asked, &*there) {
+    match (given, &*there) {
         (_, []) => Err(Error::Usage(format!(
             "the {role} samples of {root} have no ground truth"
         ))),
         (Some(kind), there) if there.contains(&kind) => Ok(kind),
         (Some(kind), _) => Err(Error::Usage(format!(
             "the {role} samples of {root} have no {} ground truth; there is {}",
-            kind.name(),
+            kind.as_str(),
             names.join(", ")
         ))),
         (None, [only]) => Ok(*only),
@@ -215,17 +149,16 @@ fn choose(asked: Option<Kind>, samples: &[Sample], set: &PreparedSet, role: Role
     }
 }
 
-/// Hands every readable map to `write`; the others are told by name and counted. `write` counts
-/// pixels that its format cannot hold.
+/// Hands every readable map to `write`; the others are noted by name. `write` counts pixels that its
+/// format cannot hold.
 fn each(
     set: &PreparedSet,
     samples: &[Sample],
-    kind: Kind,
-    done: &mut Done,
+    done: &mut Exported,
     mut write: impl FnMut(&str, &Plane, &mut u64) -> io::Result<()>,
 ) -> io::Result<()> {
     for sample in samples {
-        let Some(file) = kind.file(sample) else {
+        let Some(file) = done.kind.of(sample) else {
             done.without += 1;
             continue;
         };
@@ -234,10 +167,7 @@ fn each(
                 write(&sample.id, &plane, &mut done.clipped)?;
                 done.frames += 1;
             }
-            Err(error) => {
-                done.failed += 1;
-                tell(format_args!("error: {} left out: {error}", sample.id));
-            }
+            Err(error) => done.failed.push(format!("{} left out: {error}", sample.id)),
         }
     }
     Ok(())

@@ -1,8 +1,8 @@
-//! `prep plan`: what a preparation needs before it starts.
+//! What a preparation needs before it starts.
 //!
 //! Which of KITTI's archives serve a split or a table follows from the drive table (PROTOCOL
 //! 2.2). KITTI does not publish a machine-readable list of sizes, so sizes are marked as "about":
-//! the archives of raw drives are reckoned from their frames and the 175 GB that all of them
+//! the archives of raw drives are estimated from their frames and the 175 GB that all of them
 //! take together. What is to be written and how long it takes is measured on a few frames of
 //! the user's own, or, when there are none yet, on a rendered pattern of the same size.
 //!
@@ -18,15 +18,15 @@ use serde::Serialize;
 use strat_splits::{
     Drive, DriveRole, FrameId, Split, counts, drives, eigen_test, kitti2015_origin,
 };
-use strat_store::image_files::{self, Codec};
-use strat_store::resize::{self, Kernel};
+use strat_store::image_files::{self, Codec, DEFAULT_QUALITY};
+use strat_store::layout::SETTINGS;
+use strat_store::{human, layout, resize};
 
-use crate::cli::{parse_jobs, say};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::input::raw::RawFolder;
-use crate::input::stereo2015::{Kind, SceneFolder};
-use crate::kitti::samples::SETTINGS;
-use crate::set::space::{free_bytes, human_bytes};
+use crate::input::stereo2015::SceneFolder;
+use crate::set::settings::ImageOptions;
+use crate::set::space::free_bytes;
 
 /// Bytes of all 61 archives of KITTI raw, synced and rectified, by common report.
 const ALL_OF_RAW: f64 = 175e9;
@@ -40,47 +40,69 @@ const DENSE_DEPTH: u64 = 480_000;
 /// Frames measured at most.
 const MEASURED: usize = 6;
 
-/// Arguments of `prep plan`.
-#[derive(Debug, clap::Args)]
-#[command(after_help = "\
-Examples:
-  prep plan --table 3.1                                  the least that table 3.1 needs
-  prep plan --split eigen                                everything for training and evaluation
-  prep plan --split kitti --raw kitti_raw --out sets/kitti   what of it is there, space and time")]
-pub(crate) struct Args {
-    /// The split, for training and evaluation.
-    #[arg(long, required_unless_present = "table", conflicts_with = "table")]
-    split: Option<Split>,
-    /// A table of the thesis, evaluation alone: 3.1, 3.2 or 3.3.
-    #[arg(long, value_parser = ["3.1", "3.2", "3.3"])]
-    table: Option<String>,
+/// What a preparation is to make, and what of it is there.
+#[derive(Debug)]
+pub struct Request {
+    /// What is prepared.
+    pub goal: Goal,
     /// KITTI raw, as far as it is there.
-    #[arg(long, value_name = "PATH")]
-    raw: Option<PathBuf>,
+    pub raw: Option<RawFolder>,
     /// KITTI stereo 2015, if it is there.
-    #[arg(long, value_name = "PATH")]
-    stereo2015: Option<PathBuf>,
+    pub stereo2015: Option<SceneFolder>,
     /// KITTI semantics, if it is there.
-    #[arg(long, value_name = "PATH")]
-    semantics: Option<PathBuf>,
-    /// Where the set is to be written, to look for free space.
-    #[arg(long, value_name = "DIR", default_value = ".")]
-    out: PathBuf,
-    /// Width in pixels of the network-size images.
-    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(8..=8192))]
-    width: u32,
-    /// Height in pixels of the network-size images.
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=8192))]
-    height: u32,
-    /// How network-size images are stored: png, or jpeg of quality 92.
-    #[arg(long, value_name = "CODEC", default_value = "png", value_parser = ["png", "jpeg"])]
-    codec: String,
-    /// Threads the preparation will use [default: all cores].
-    #[arg(long, value_name = "N", value_parser = parse_jobs)]
-    jobs: Option<usize>,
-    /// Print the plan as JSON.
-    #[arg(long)]
-    json: bool,
+    pub semantics: Option<SceneFolder>,
+    /// Folder of the set.
+    pub out: PathBuf,
+    /// Its network-size images.
+    pub images: ImageOptions,
+    /// Threads the preparation will use; 0 for one for each core.
+    pub threads: usize,
+}
+
+/// What is prepared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Goal {
+    /// A split, for training and evaluation.
+    Split(Split),
+    /// The test images of table 3.1.
+    Table31,
+    /// The test images and labels of table 3.2.
+    Table32,
+    /// The test images of table 3.3.
+    Table33,
+}
+
+impl Goal {
+    fn split(self) -> Split {
+        match self {
+            Self::Split(split) => split,
+            Self::Table31 | Self::Table32 => Split::Kitti,
+            Self::Table33 => Split::Eigen,
+        }
+    }
+
+    fn test_only(self) -> bool {
+        !matches!(self, Self::Split(_))
+    }
+
+    /// The command, with what is still to be filled in in capitals.
+    fn command(self, codec: Codec) -> String {
+        let inputs = match self {
+            Self::Split(Split::Kitti) => {
+                "kitti --raw DIR --stereo2015 PATH --semantics PATH --out DIR"
+            }
+            Self::Split(Split::Eigen) => "eigen --raw DIR --out DIR",
+            Self::Table31 => "kitti --test-only --stereo2015 PATH --out DIR",
+            Self::Table32 => "kitti --test-only --stereo2015 PATH --semantics PATH --out DIR",
+            Self::Table33 => "eigen --test-only --raw DIR --out DIR",
+        };
+        let codec = match codec {
+            Codec::Png => String::new(),
+            Codec::Jpeg(DEFAULT_QUALITY) => " --codec jpeg".to_owned(),
+            Codec::Jpeg(quality) => format!(" --codec jpeg --quality {quality}"),
+        };
+        format!("prep {inputs}{codec}")
+    }
 }
 
 /// An archive of KITTI.
@@ -132,7 +154,7 @@ pub struct Plan {
     pub bytes_written: u64,
     /// Free bytes where they are to be written; `None` if the system does not tell.
     pub free_bytes: Option<u64>,
-    /// Threads reckoned with.
+    /// Threads it is estimated for.
     pub threads: usize,
     /// About how many seconds it takes.
     pub seconds: f64,
@@ -140,37 +162,13 @@ pub struct Plan {
     pub measured_on: String,
 }
 
-/// Runs the command and returns its exit code: 1 if the disk has no room.
-pub(crate) fn run(args: &Args) -> Result<u8> {
-    let plan = plan(args)?;
-    if args.json {
-        let text = serde_json::to_string_pretty(&plan);
-        say(text.map_err(|e| Error::Incomplete(format!("the plan is no JSON: {e}")))?);
-    } else {
-        say(plan.text(&args.out).trim_end());
-    }
-    Ok(u8::from(
-        plan.free_bytes
-            .is_some_and(|free| free < plan.bytes_to_write),
-    ))
-}
-
-fn plan(args: &Args) -> Result<Plan> {
-    let table = args.table.as_deref();
-    let split = match (args.split, table) {
-        (Some(split), _) => split,
-        (None, Some("3.3")) => Split::Eigen,
-        (None, _) => Split::Kitti,
-    };
-    let test_only = table.is_some();
-    let raw = args.raw.as_deref().map(RawFolder::open).transpose()?;
-    let open = |path: &Option<PathBuf>, kind| {
-        let path = path.as_deref();
-        path.map(|path| SceneFolder::open(path, kind)).transpose()
-    };
-    let stereo = open(&args.stereo2015, Kind::Stereo)?;
-    let semantics = open(&args.semantics, Kind::Semantics)?;
-
+/// Finds out what a preparation needs.
+///
+/// # Errors
+/// One of the images to measure on cannot be read.
+pub fn plan(request: &Request) -> Result<Plan> {
+    let (split, test_only) = (request.goal.split(), request.goal.test_only());
+    let (raw, stereo) = (request.raw.as_ref(), request.stereo2015.as_ref());
     let mut archives = Vec::new();
     if split == Split::Kitti {
         let scenes = kitti2015_origin().len();
@@ -183,8 +181,7 @@ fn plan(args: &Args) -> Result<Plan> {
                 found: (0..scenes).filter(|number| is_there(*number)).count() as u64,
             });
         };
-        let has = |folder: &Option<SceneFolder>, kind, number| {
-            let folder = folder.as_ref();
+        let has = |folder: Option<&SceneFolder>, kind, number| {
             folder.is_some_and(|folder| folder.picture(kind, number).is_some())
         };
         scene(
@@ -193,28 +190,25 @@ fn plan(args: &Args) -> Result<Plan> {
             2_000_000_000,
             &|number| {
                 let kinds = ["image_2", "image_3", "disp_noc_0"];
-                kinds.iter().all(|kind| has(&stereo, kind, number))
+                kinds.iter().all(|kind| has(stereo, kind, number))
             },
         );
         scene(
             "data_scene_flow_calib.zip",
             "their cameras",
             2_000_000,
-            &|number| {
-                let stereo = stereo.as_ref();
-                stereo.is_some_and(|stereo| stereo.calibration(number).is_some())
-            },
+            &|number| stereo.is_some_and(|stereo| stereo.calibration(number).is_some()),
         );
-        if table != Some("3.1") {
+        if request.goal != Goal::Table31 {
             scene(
                 "data_semantics.zip",
                 "labels of the test images (table 3.2)",
                 314_000_000,
-                &|number| has(&semantics, "semantic", number),
+                &|number| has(request.semantics.as_ref(), "semantic", number),
             );
         }
     }
-    archives.extend(raw_archives(split, test_only, raw.as_ref()));
+    archives.extend(raw_archives(split, test_only, raw));
 
     let counted = counts(split);
     let test = counted.test as u64;
@@ -223,11 +217,11 @@ fn plan(args: &Args) -> Result<Plan> {
     } else {
         (counted.train + counted.val) as u64
     };
-    let threads = match args.jobs {
-        Some(jobs) => jobs,
-        None => std::thread::available_parallelism().map_or(1, usize::from),
+    let threads = match request.threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        threads => threads,
     };
-    let sample = measure(args, raw.as_ref(), stereo.as_ref())?;
+    let sample = measure(request.images, raw, stereo)?;
     // Validation frames of both splits have depth from scans, as the Eigen test frames have.
     let (originals, dense, mut sparse) = match split {
         Split::Kitti => (2 * test, 2 * test, 0),
@@ -240,34 +234,16 @@ fn plan(args: &Args) -> Result<Plan> {
         + sample.full_bytes * originals
         + DENSE_DEPTH * dense
         + SPARSE_DEPTH * sparse;
-    let bytes_written = written(&args.out);
-    let mut command = match (split, test_only) {
-        (Split::Kitti, true) => {
-            let labels = if table == Some("3.2") {
-                " --semantics PATH"
-            } else {
-                ""
-            };
-            format!("prep kitti --test-only --stereo2015 PATH{labels} --out DIR")
-        }
-        (Split::Kitti, false) => {
-            "prep kitti --raw DIR --stereo2015 PATH --semantics PATH --out DIR".to_owned()
-        }
-        (Split::Eigen, true) => "prep eigen --test-only --raw DIR --out DIR".to_owned(),
-        (Split::Eigen, false) => "prep eigen --raw DIR --out DIR".to_owned(),
-    };
-    if args.codec == "jpeg" {
-        command += " --codec jpeg";
-    }
+    let bytes_written = written(&request.out);
     Ok(Plan {
         split,
         test_only,
-        command,
+        command: request.goal.command(request.images.codec),
         archives,
         samples: test + others,
         bytes_to_write: bytes.saturating_sub(bytes_written),
         bytes_written,
-        free_bytes: free_bytes(&args.out).ok(),
+        free_bytes: free_bytes(&request.out).ok(),
         threads,
         seconds: 2.0 * sample.seconds * (test + others) as f64 / threads as f64,
         measured_on: sample.source,
@@ -344,8 +320,10 @@ fn written(out: &Path) -> u64 {
     if !out.join(SETTINGS).is_file() {
         return 0;
     }
-    let folders = ["images", "full", "depth"];
-    folders.iter().map(|name| below(&out.join(name))).sum()
+    layout::FOLDERS
+        .iter()
+        .map(|name| below(&out.join(name)))
+        .sum()
 }
 
 /// Work and size of one image.
@@ -357,7 +335,11 @@ struct Sample {
 }
 
 /// Decodes, resizes and encodes a few images as a preparation would.
-fn measure(args: &Args, raw: Option<&RawFolder>, stereo: Option<&SceneFolder>) -> Result<Sample> {
+fn measure(
+    images: ImageOptions,
+    raw: Option<&RawFolder>,
+    stereo: Option<&SceneFolder>,
+) -> Result<Sample> {
     let of_raw = raw.into_iter().flat_map(|raw| {
         drives()
             .iter()
@@ -367,37 +349,33 @@ fn measure(args: &Args, raw: Option<&RawFolder>, stereo: Option<&SceneFolder>) -
     let scenes = stereo.into_iter().flat_map(|stereo| {
         (0..kitti2015_origin().len()).filter_map(|number| stereo.picture("image_2", number))
     });
-    let mut images = Vec::new();
+    let mut originals = Vec::new();
     for source in of_raw.chain(scenes).take(MEASURED) {
         let bytes = source.read()?;
         // A damaged frame is `prep verify`'s to tell of; here it is only no measure.
         if image_files::decode_rgb(&bytes, "").is_ok() {
-            images.push(bytes);
+            originals.push(bytes);
         }
     }
-    let source = match images.len() {
+    let source = match originals.len() {
         0 => {
-            images.push(image_files::encode_png_rgb(&pattern()));
-            "a made-up image of 1242x375, since no frame is there yet".to_owned()
+            originals.push(image_files::encode_png_rgb(&pattern()));
+            "a synthetic image of 1242x375, since no frame is there yet".to_owned()
         }
         1 => "one of your images".to_owned(),
         n => format!("{n} of your images"),
     };
-    let codec = match args.codec.as_str() {
-        "jpeg" => Codec::Jpeg(92),
-        _ => Codec::Png,
-    };
     let (mut seconds, mut small, mut full) = (0.0, 0, 0);
-    for bytes in &images {
+    for bytes in &originals {
         let started = Instant::now();
         let image = image_files::decode_rgb(bytes, "the sample")?;
-        let resized = resize::rgb(&image, args.width, args.height, Kernel::Area);
-        let encoded = black_box(codec.encode(&resized));
+        let resized = resize::rgb(&image, images.width, images.height, images.kernel);
+        let encoded = black_box(images.codec.encode(&resized));
         seconds += started.elapsed().as_secs_f64();
         small += encoded.len() as u64;
         full += bytes.len() as u64;
     }
-    let count = images.len() as u64;
+    let count = originals.len() as u64;
     Ok(Sample {
         seconds: seconds / count as f64,
         small_bytes: small / count,
@@ -418,7 +396,14 @@ fn pattern() -> RgbImage {
 }
 
 impl Plan {
-    fn text(&self, out: &Path) -> String {
+    /// Whether the disk has no room for what is to be written.
+    pub fn needs_space(&self) -> bool {
+        self.free_bytes
+            .is_some_and(|free| free < self.bytes_to_write)
+    }
+
+    /// The plan as a table with sentences; `out` is the folder of the set.
+    pub fn text(&self, out: &Path) -> String {
         let what = if self.test_only {
             "test images only"
         } else {
@@ -429,7 +414,7 @@ impl Plan {
             text += &format!(
                 "{:<34} {:>15}  {:<12} {}\n",
                 archive.name,
-                format!("about {}", human_bytes(archive.about_bytes)),
+                format!("about {}", human::bytes(archive.about_bytes)),
                 archive.state(),
                 archive.purpose
             );
@@ -445,22 +430,22 @@ impl Plan {
         text += &format!(
             "\n{there} archives are there (about {}), {missing} are to be downloaded (about {}); they need \
              not be unpacked\n",
-            human_bytes(there_bytes),
-            human_bytes(missing_bytes)
+            human::bytes(there_bytes),
+            human::bytes(missing_bytes)
         );
         text += &format!(
             "to be written  about {} for {} samples{}\n",
-            human_bytes(self.bytes_to_write),
+            human::bytes(self.bytes_to_write),
             self.samples,
             match self.bytes_written {
                 0 => String::new(),
-                bytes => format!("; {} are there of an earlier run", human_bytes(bytes)),
+                bytes => format!("; {} are there of an earlier run", human::bytes(bytes)),
             }
         );
         match self.free_bytes {
             Some(free) => {
-                text += &format!("free           {} at {}", human_bytes(free), out.display());
-                text += if free < self.bytes_to_write {
+                text += &format!("free           {} at {}", human::bytes(free), out.display());
+                text += if self.needs_space() {
                     ": NOT ENOUGH\n"
                 } else {
                     "\n"
@@ -470,20 +455,12 @@ impl Plan {
         }
         text += &format!(
             "time           about {} on {} threads, measured on {}\n",
-            duration(self.seconds),
+            human::duration(self.seconds.max(1.0)),
             self.threads,
             self.measured_on
         );
         text += &format!("command        {}\n", self.command);
         text
-    }
-}
-
-fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 90.0 => format!("{:.0} s", s.max(1.0)),
-        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
     }
 }
 
@@ -514,12 +491,5 @@ mod tests {
             (size - 175.0 * (42_382.0 - 23_488.0) / 42_382.0).abs() < 0.01,
             "{size}"
         );
-    }
-
-    #[test]
-    fn durations_are_readable() {
-        assert_eq!(duration(0.2), "1 s");
-        assert_eq!(duration(600.0), "10 min");
-        assert_eq!(duration(7200.0), "2.0 h");
     }
 }

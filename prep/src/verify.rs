@@ -1,4 +1,4 @@
-//! `prep verify`: what is missing, cut off, unreadable or changed, in inputs and in prepared sets.
+//! What is missing, cut off, unreadable or changed, in inputs and in prepared sets.
 //!
 //! Inputs are compared with the drive table (PROTOCOL 2.2) and the two hundred scenes of stereo
 //! 2015. A quick look takes presence, size and the first and last bytes of every file, which
@@ -8,61 +8,24 @@
 //! Nothing is repaired and nothing is changed.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rayon::prelude::*;
 use serde::Serialize;
 use strat_geometry::parse_velodyne;
 use strat_splits::{DriveRole, FrameId, Role, Split, drives, kitti2015_origin};
+use strat_store::layout::{self, FAILURES, MANIFEST, SETTINGS};
 use strat_store::progress::Progress;
-use strat_store::set::{FileRef, MANIFEST, PreparedSet};
+use strat_store::set::{FileRef, PreparedSet};
 use strat_store::{exr, files, image_files};
 
-use crate::cli::{parse_jobs, say, tell};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::input::raw::RawFolder;
 use crate::input::source::Source;
-use crate::input::stereo2015::{Kind, SceneFolder};
-use crate::kitti::samples::{FAILURES, SETTINGS};
-use crate::set::writer as output;
+use crate::input::stereo2015::SceneFolder;
 
 /// Names shown of each kind of trouble.
 const SHOWN: usize = 3;
-
-/// Arguments of `prep verify`.
-#[derive(Debug, clap::Args)]
-#[command(after_help = "\
-Examples:
-  prep verify --raw kitti_raw                          presence, sizes and ends of all 61 drives
-  prep verify --raw kitti_raw --split eigen --deep     decode everything the Eigen split uses
-  prep verify --stereo2015 kitti2015
-  prep verify sets/kitti                               a prepared set against its own digests")]
-pub(crate) struct Args {
-    /// A prepared set.
-    #[arg(value_name = "SET", required_unless_present_any = ["raw", "stereo2015"])]
-    set: Option<PathBuf>,
-    /// KITTI raw: folders, zip archives or both.
-    #[arg(long, value_name = "DIR", conflicts_with = "set")]
-    raw: Option<PathBuf>,
-    /// KITTI stereo 2015.
-    #[arg(long, value_name = "DIR", conflicts_with = "set")]
-    stereo2015: Option<PathBuf>,
-    /// Look only at the drives that this split uses [default: all 61].
-    #[arg(long, conflicts_with = "set")]
-    split: Option<Split>,
-    /// Decode every file instead of looking at its ends.
-    #[arg(long)]
-    deep: bool,
-    /// Print the result as JSON.
-    #[arg(long)]
-    json: bool,
-    /// Threads to use [default: all cores].
-    #[arg(long, value_name = "N", value_parser = parse_jobs)]
-    jobs: Option<usize>,
-    /// Show no progress.
-    #[arg(long)]
-    quiet: bool,
-}
 
 /// State of the files of one kind in one place.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -150,6 +113,9 @@ pub struct Report {
     pub absent: Vec<String>,
     /// Sentences about archives, calibrations and files that belong to nothing.
     pub problems: Vec<String>,
+    /// Sentences about what is as it should be and still worth knowing.
+    #[serde(skip)]
+    pub notes: Vec<String>,
 }
 
 impl Report {
@@ -160,7 +126,13 @@ impl Report {
             && self.findings.iter().all(Finding::is_complete)
     }
 
-    fn text(&self) -> String {
+    /// How many files were looked for.
+    pub fn files(&self) -> u64 {
+        self.findings.iter().map(|finding| finding.expected).sum()
+    }
+
+    /// The findings as a table with sentences.
+    pub fn text(&self) -> String {
         let wide = |column: fn(&Finding) -> &str| {
             let widths = self.findings.iter().map(|f| column(f).chars().count());
             widths.max().unwrap_or(0)
@@ -207,52 +179,26 @@ enum Form {
     Text,
 }
 
-/// Runs the command and returns its exit code.
-pub(crate) fn run(args: &Args) -> Result<u8> {
-    let pool = output::threads(args.jobs)?;
-    let mut report = Report::default();
-    pool.install(|| -> Result<()> {
-        if let Some(root) = &args.set {
-            set(root, args.deep, args.quiet, &mut report)?;
-        }
-        if let Some(root) = &args.raw {
-            raw(&RawFolder::open(root)?, args, &mut report);
-        }
-        if let Some(root) = &args.stereo2015 {
-            scenes(&SceneFolder::open(root, Kind::Stereo)?, args, &mut report);
-        }
-        Ok(())
-    })?;
-    if args.json {
-        let text = serde_json::to_string_pretty(&report);
-        say(text.map_err(|e| Error::Incomplete(format!("the result is no JSON: {e}")))?);
-    } else {
-        say(report.text().trim_end());
-    }
-    let clean = report.is_clean();
-    if !args.json {
-        let files: u64 = report.findings.iter().map(|f| f.expected).sum();
-        tell(match (clean, args.deep || args.set.is_some()) {
-            (true, true) => format!("all {files} files are good"),
-            (true, false) => format!("all {files} files are there and whole; --deep decodes them"),
-            (false, _) => "error: not everything is there and good".to_owned(),
-        });
-    }
-    Ok(u8::from(!clean))
+/// How closely files are looked at.
+#[derive(Debug, Clone, Copy)]
+pub struct Check {
+    /// Decodes every file instead of looking at its ends.
+    pub deep: bool,
+    /// Shows no progress.
+    pub quiet: bool,
 }
 
 /// Finds the file of one kind of a frame.
 type Look = fn(&RawFolder, FrameId) -> Option<&Source>;
 
-fn raw(folder: &RawFolder, args: &Args, report: &mut Report) {
+/// Compares KITTI raw with the drive table: with all 61 drives, or with those that a split uses. Runs on
+/// the threads of the pool it is called in.
+pub fn raw(folder: &RawFolder, split: Option<Split>, check: Check, report: &mut Report) {
     let mut work = Vec::new();
     for drive in drives() {
         let used = |split: Split| drive.role(split) == DriveRole::Train;
         let tested = |split: Split| split == Split::Eigen && !used(split);
-        if args
-            .split
-            .is_some_and(|split| !used(split) && !tested(split))
-        {
+        if split.is_some_and(|split| !used(split) && !tested(split)) {
             continue;
         }
         if !folder.has_drive(drive.id) {
@@ -289,10 +235,11 @@ fn raw(folder: &RawFolder, args: &Args, report: &mut Report) {
     }
     let broken = folder.broken.iter().map(|(_, problem)| problem.clone());
     report.problems.extend(broken);
-    look_at(work, args, "files of KITTI raw", report);
+    look_at(work, check, "files of KITTI raw", report);
 }
 
-fn scenes(folder: &SceneFolder, args: &Args, report: &mut Report) {
+/// Looks at the two hundred scenes of stereo 2015, on the threads of the pool it is called in.
+pub fn scenes(folder: &SceneFolder, check: Check, report: &mut Report) {
     let numbers = 0..kitti2015_origin().len();
     let pictures = [
         ("image_2", Form::Picture),
@@ -314,22 +261,22 @@ fn scenes(folder: &SceneFolder, args: &Args, report: &mut Report) {
     work.push((finding, Form::Text, files));
     let broken = folder.broken.iter().map(|(_, problem)| problem.clone());
     report.problems.extend(broken);
-    look_at(work, args, "files of stereo 2015", report);
+    look_at(work, check, "files of stereo 2015", report);
 }
 
 type Work = (Finding, Form, Vec<(String, Option<Source>)>);
 
 /// Looks at the files of all findings on all threads.
-fn look_at(work: Vec<Work>, args: &Args, unit: &str, report: &mut Report) {
+fn look_at(work: Vec<Work>, check: Check, unit: &str, report: &mut Report) {
     let total = work.iter().map(|(_, _, files)| files.len() as u64).sum();
-    let progress = Progress::new("prep verify", total, unit, args.quiet);
+    let progress = Progress::new("prep verify", total, unit, check.quiet);
     let looked = work.into_par_iter().map(|(mut finding, form, files)| {
         let states: Vec<_> = files
             .into_par_iter()
             .map(|(name, source)| {
                 let state = match source {
                     None => State::Missing,
-                    Some(source) => state_of(&source, form, args.deep),
+                    Some(source) => state_of(&source, form, check.deep),
                 };
                 progress.add(1);
                 (name, state)
@@ -419,12 +366,15 @@ fn ends_early(bytes: &[u8], form: Form) -> Option<String> {
     }
 }
 
-/// Compares a prepared set with its tables.
-fn set(root: &Path, deep: bool, quiet: bool, report: &mut Report) -> Result<()> {
-    let set = PreparedSet::open(root)?;
+/// Compares a prepared set with its tables, on the threads of the pool it is called in.
+///
+/// # Errors
+/// A table cannot be read.
+pub fn set(set: &PreparedSet, check: Check, report: &mut Report) -> Result<()> {
+    let root = &set.root;
     let mut files: BTreeMap<(Role, &'static str), Vec<FileRef>> = BTreeMap::new();
     let mut known: BTreeSet<String> = [MANIFEST, SETTINGS, FAILURES].map(str::to_owned).into();
-    known.extend(Role::ALL.map(|role| format!("{role}.csv")));
+    known.extend(Role::ALL.map(layout::table_name));
     for role in Role::ALL {
         for sample in set.samples(role)? {
             for (column, file) in sample.files() {
@@ -434,12 +384,12 @@ fn set(root: &Path, deep: bool, quiet: bool, report: &mut Report) -> Result<()> 
         }
     }
     let total = files.values().map(|files| files.len() as u64).sum();
-    let progress = Progress::new("prep verify", total, "files of the set", quiet);
+    let progress = Progress::new("prep verify", total, "files of the set", check.quiet);
     for ((role, column), files) in files {
         let states: Vec<_> = files
             .into_par_iter()
             .map(|file| {
-                let state = state_in_set(&set, &file, column, deep);
+                let state = state_in_set(set, &file, column, check.deep);
                 progress.add(1);
                 (file.path, state)
             })
@@ -465,8 +415,8 @@ fn set(root: &Path, deep: bool, quiet: bool, report: &mut Report) -> Result<()> 
     for (role, count) in &set.manifest.counts {
         if count.found < count.expected {
             // A set of part of a split is whole in itself.
-            tell(format_args!(
-                "note: {} of {} {role} samples are in this set",
+            report.notes.push(format!(
+                "{} of {} {role} samples are in this set",
                 count.found, count.expected
             ));
         }

@@ -11,14 +11,18 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use strat_splits::Role;
+use strat_store::image_files;
+use strat_store::layout::{self, LabelKind, Side};
 use strat_store::set::{Content, FileRef, Sample};
-use strat_store::{files, image_files};
 
-use crate::cli;
-use crate::collections::{self as workshop, Frame, Options, Piece, Stop, Workshop};
+use super::{Frames, build, check_id};
 use crate::error::{Error, Result};
 use crate::input::raw;
-use crate::kitti::samples::Failure;
+use crate::input::source::Source;
+use crate::set::files::SetFiles;
+use crate::set::results::Failure;
+use crate::set::sample::{Frame, SampleError, SampleResult};
+use crate::set::writer::{Report, SetOptions};
 
 const FOLDERS: [(&str, Role); 4] = [
     ("train", Role::Train),
@@ -27,53 +31,26 @@ const FOLDERS: [(&str, Role); 4] = [
     ("test", Role::Test),
 ];
 
-/// Arguments of `prep cityscapes`.
-#[derive(Debug, clap::Args)]
-#[command(after_help = "\
-Example:
-  prep cityscapes --root cityscapes --out sets/cityscapes")]
-pub(crate) struct Args {
-    /// Folder of `leftImg8bit`, `rightImg8bit`, `camera` and, if wanted, `gtFine`.
-    #[arg(long, value_name = "DIR")]
-    root: PathBuf,
-    #[command(flatten)]
-    options: Options,
-}
-
 /// Where the files of a frame are.
 #[derive(Debug)]
 struct Files {
-    left: PathBuf,
-    right: PathBuf,
-    camera: PathBuf,
+    left: Source,
+    right: Source,
+    camera: Source,
     labels: PathBuf,
 }
 
-/// Prepares the set and returns the exit code.
-pub(crate) fn run(args: &Args) -> Result<u8> {
-    let (frames, failures) = look_through(&args.root)?;
-    let mut expected = BTreeMap::new();
-    for frame in &frames {
-        *expected.entry(frame.role).or_default() += 1;
-    }
-    let report = workshop::build(
-        Content::Cityscapes,
-        &args.options,
-        &[&args.root],
-        &expected,
-        &frames,
-        failures,
-        make,
-    )?;
-    Ok(cli::conclude(
-        &args.options.out,
-        args.options.shard,
-        &report,
-    ))
+/// Makes the set of a folder that holds `leftImg8bit`, `rightImg8bit`, `camera` and, if wanted, `gtFine`.
+///
+/// # Errors
+/// The folder holds no images, or the set cannot be written.
+pub fn prepare(root: &Path, options: &SetOptions) -> Result<Report> {
+    let frames = look_through(root)?;
+    build(Content::Cityscapes, options, &[root], frames, make)
 }
 
 /// The frames that have a left image, by role, city and name, and the folders that cannot be read.
-fn look_through(root: &Path) -> Result<(Vec<Frame<Files>>, Vec<Failure>)> {
+fn look_through(root: &Path) -> Result<Frames<Files>> {
     let wrong = |problem: String| Error::Input {
         option: "--root",
         path: root.to_owned(),
@@ -91,12 +68,7 @@ fn look_through(root: &Path) -> Result<(Vec<Frame<Files>>, Vec<Failure>)> {
     let mut failures = Vec::new();
     let mut names = |folder: &Path| {
         names(folder).unwrap_or_else(|problem| {
-            failures.push(Failure {
-                role: None,
-                id: String::new(),
-                file: folder.display().to_string(),
-                problem,
-            });
+            failures.push(Failure::of_many(folder, problem));
             Vec::new()
         })
     };
@@ -106,22 +78,22 @@ fn look_through(root: &Path) -> Result<(Vec<Frame<Files>>, Vec<Failure>)> {
                 let Some(stem) = name.strip_suffix("_leftImg8bit.png") else {
                     continue;
                 };
-                let place = |kind: &str, after: &str| {
+                let path = |kind: &str, after: &str| {
                     root.join(kind)
                         .join(folder)
                         .join(&city)
                         .join(format!("{stem}_{after}"))
                 };
                 let id = format!("{city}/{stem}");
-                workshop::check_id(&id).map_err(wrong)?;
+                check_id(&id).map_err(wrong)?;
                 frames.push(Frame {
                     role,
                     id,
                     input: Files {
-                        left: place("leftImg8bit", "leftImg8bit.png"),
-                        right: place("rightImg8bit", "rightImg8bit.png"),
-                        camera: place("camera", "camera.json"),
-                        labels: place("gtFine", "gtFine_labelIds.png"),
+                        left: Source::File(path("leftImg8bit", "leftImg8bit.png")),
+                        right: Source::File(path("rightImg8bit", "rightImg8bit.png")),
+                        camera: Source::File(path("camera", "camera.json")),
+                        labels: path("gtFine", "gtFine_labelIds.png"),
                     },
                 });
             }
@@ -137,17 +109,21 @@ fn look_through(root: &Path) -> Result<(Vec<Frame<Files>>, Vec<Failure>)> {
         ));
     }
     let mut seen = BTreeMap::new();
+    let mut expected = BTreeMap::new();
     for frame in &frames {
+        *expected.entry(frame.role).or_default() += 1;
         if let Some(other) = seen.insert(&*frame.id, &frame.input.left) {
             return Err(wrong(format!(
                 "the frame {} is there twice, as {} and {}; remove one",
-                frame.id,
-                other.display(),
-                frame.input.left.display()
+                frame.id, other, frame.input.left
             )));
         }
     }
-    Ok((frames, failures))
+    Ok(Frames {
+        frames,
+        failures,
+        expected,
+    })
 }
 
 /// Names in a folder, sorted; none where there is no such folder.
@@ -162,63 +138,56 @@ fn names(folder: &Path) -> std::result::Result<Vec<String>, String> {
     Ok(names)
 }
 
-fn make(workshop: &Workshop<'_>, frame: &Frame<Files>) -> Piece<Sample> {
+fn make(files: &SetFiles<'_>, frame: &Frame<Files>) -> SampleResult<Sample> {
     let Files {
         left,
         right,
         camera,
         labels,
     } = &frame.input;
-    let text = files::read(camera).map_err(|e| Stop::path(camera, e))?;
+    let text = camera.read().map_err(|e| SampleError::input(camera, e))?;
     let (focal_px, baseline_m) =
-        parse_camera(&text).map_err(|problem| Stop::about(camera, problem))?;
+        parse_camera(&text).map_err(|problem| SampleError::about(camera, problem))?;
     let keep_full = frame.role == Role::Test;
-    let left_picture = workshop.picture("left", &frame.id, left, Some(rows), keep_full)?;
-    let right_picture = workshop.picture("right", &frame.id, right, Some(rows), false)?;
-    let (size, other) = (left_picture.size, right_picture.size);
-    if size != other {
-        return Err(Stop::about(
-            right,
-            format!(
-                "without its bottom fifth it is {}x{}, but its left image is {}x{}",
-                other.0, other.1, size.0, size.1
-            ),
-        ));
-    }
+    let left = files.picture(Side::Left, &frame.id, left, Some(rows), keep_full)?;
+    let right_picture = files.picture(Side::Right, &frame.id, right, Some(rows), false)?;
+    check_cropped(right, right_picture.size, left.size)?;
     let semantic = match labels.is_file() {
-        true => Some(label(workshop, &frame.id, labels, size)?),
+        true => Some(label(files, &frame.id, labels, left.size)?),
         false => None,
     };
     Ok(Sample {
         right: Some(right_picture.small),
-        left_full: left_picture.full,
+        left_full: left.full,
         semantic,
-        ..Sample::new(&frame.id, size, focal_px, baseline_m, left_picture.small)
+        ..Sample::new(&frame.id, left.size, focal_px, baseline_m, left.small)
     })
 }
 
-fn label(workshop: &Workshop<'_>, id: &str, from: &Path, size: (u32, u32)) -> Piece<FileRef> {
-    let path = format!("labels/semantic/{id}.png");
-    if let Some(kept) = workshop.files.kept(&path, workshop::changed(from))? {
+fn label(files: &SetFiles<'_>, id: &str, path: &Path, size: (u32, u32)) -> SampleResult<FileRef> {
+    let from = &Source::File(path.to_owned());
+    let to = layout::label(LabelKind::Semantic, id);
+    if let Some(kept) = files.kept(&to, from.changed())? {
         return Ok(kept);
     }
     let (width, height, mut ids) =
-        image_files::read_gray8(from).map_err(|e| Stop::path(from, e))?;
+        image_files::read_gray8(path).map_err(|e| SampleError::input(from, e))?;
     let (width, height) = (width as u32, height as u32);
-    let rows = rows((width, height)).map_err(|problem| Stop::about(from, problem))?;
-    if (width, rows.end) != size {
-        return Err(Stop::about(
-            from,
-            format!(
-                "without its bottom fifth it is {width}x{}, but its image is {}x{}",
-                rows.end, size.0, size.1
-            ),
-        ));
-    }
+    let rows = rows((width, height)).map_err(|problem| SampleError::about(from, problem))?;
+    check_cropped(from, (width, rows.end), size)?;
     ids.truncate(width as usize * rows.end as usize);
-    workshop
-        .files
-        .put(path, &image_files::encode_png_gray8(width, rows.end, &ids))
+    files.put(to, &image_files::encode_png_gray8(width, rows.end, &ids))
+}
+
+/// Makes sure that what was cropped has the size of its cropped left image.
+fn check_cropped(file: &Source, found: (u32, u32), left: (u32, u32)) -> SampleResult<()> {
+    if found == left {
+        return Ok(());
+    }
+    let ((w, h), (lw, lh)) = (found, left);
+    let problem =
+        format!("without its bottom fifth it is {w}x{h}, but its left image is {lw}x{lh}");
+    Err(SampleError::about(file, problem))
 }
 
 /// All rows but the bottom fifth: 0 to 818 of 1024.

@@ -4,21 +4,24 @@
 //! 1561 and, of the laser grid of 55 x 305, rows 17 to 37 with all columns. Focal length and
 //! baseline are not known, so these images test a model and cannot train one.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use strat_splits::Role;
 use strat_store::exr::DepthHeader;
-use strat_store::files;
+use strat_store::layout::{self, DepthKind, Side};
 use strat_store::raster::Plane;
 use strat_store::set::{Content, Sample};
 
-use crate::cli::{self, tell};
-use crate::collections::{self as workshop, Frame, Options, Piece, Stop, Workshop};
+use super::{Frames, build, check_id, measured};
 use crate::error::{Error, Result};
 use crate::input::mat::{self, Matrix};
-use crate::kitti::samples::Failure;
+use crate::input::source::Source;
+use crate::set::files::SetFiles;
+use crate::set::results::Failure;
+use crate::set::sample::{BadInput, Frame, SampleError, SampleResult};
+use crate::set::writer::{Report, SetOptions};
 
 /// Width and height in pixels of the test images.
 pub const IMAGE: (u32, u32) = (1704, 2272);
@@ -33,74 +36,63 @@ pub const TEST_IMAGES: u64 = strat_splits::MAKE3D_TEST_IMAGES as u64;
 
 const VARIABLE: &str = "Position3DGrid";
 
-/// Arguments of `prep make3d`.
-#[derive(Debug, clap::Args)]
-#[command(after_help = "\
-Example:
-  prep make3d --images Test134 --depth Gridlaserdata --out sets/make3d")]
-pub(crate) struct Args {
-    /// Folder of the test images, `img-*.jpg`.
-    #[arg(long, value_name = "DIR")]
-    images: PathBuf,
-    /// Folder of their laser grids, `depth_sph_corr-*.mat`.
-    #[arg(long, value_name = "DIR")]
-    depth: PathBuf,
-    #[command(flatten)]
-    options: Options,
+/// The image of a frame and its laser grid.
+struct Files {
+    image: Source,
+    grid: Source,
 }
 
-/// Prepares the set and returns the exit code.
-pub(crate) fn run(args: &Args) -> Result<u8> {
-    let images = stems("--images", &args.images, "img-", ".jpg")?;
-    let grids = stems("--depth", &args.depth, "depth_sph_corr-", ".mat")?;
+/// Makes the set of the images `img-*.jpg` in a folder and the grids `depth_sph_corr-*.mat` in another.
+///
+/// # Errors
+/// The folders hold no such files, or the set cannot be written.
+pub fn prepare(images: &Path, grids: &Path, options: &SetOptions) -> Result<Report> {
+    let frames = look_through(images, grids)?;
+    build(Content::Make3d, options, &[images, grids], frames, make)
+}
+
+fn look_through(image_folder: &Path, grid_folder: &Path) -> Result<Frames<Files>> {
+    let images = stems("--images", image_folder, "img-", ".jpg")?;
+    let grids = stems("--depth", grid_folder, "depth_sph_corr-", ".mat")?;
     let mut failures = Vec::new();
     let mut frames = Vec::new();
-    let all: BTreeSet<_> = images.keys().chain(grids.keys()).collect();
-    for stem in all {
-        let id = format!("make3d/{stem}");
-        match (images.get(stem), grids.get(stem)) {
-            (Some(image), Some(grid)) => frames.push(Frame {
-                role: Role::Test,
+    // The archive of grids holds those of other pictures too.
+    for (stem, image) in images {
+        let (role, id) = (Role::Test, format!("make3d/{stem}"));
+        let image = Source::File(image);
+        match grids.get(&stem) {
+            Some(grid) => frames.push(Frame {
+                role,
                 id,
-                input: (image.clone(), grid.clone()),
+                input: Files {
+                    image,
+                    grid: Source::File(grid.clone()),
+                },
             }),
-            (Some(image), None) => failures.push(Failure {
-                role: Some(Role::Test),
-                id,
-                file: image.display().to_string(),
-                problem: format!(
-                    "{} has no laser grid depth_sph_corr-{stem}.mat in {}",
-                    image.display(),
-                    args.depth.display()
-                ),
-            }),
-            // The archive of grids holds those of other pictures too.
-            _ => {}
+            None => {
+                let bad = BadInput {
+                    problem: format!(
+                        "{image} has no laser grid depth_sph_corr-{stem}.mat in {}",
+                        grid_folder.display()
+                    ),
+                    file: image.to_string(),
+                };
+                failures.push(Failure::of_sample(role, &id, bad));
+            }
         }
     }
     if frames.is_empty() {
         return Err(Error::Incomplete(format!(
             "no image img-<name>.jpg in {} has its grid depth_sph_corr-<name>.mat in {}; nothing was written",
-            args.images.display(),
-            args.depth.display()
+            image_folder.display(),
+            grid_folder.display()
         )));
     }
-    let report = workshop::build(
-        Content::Make3d,
-        &args.options,
-        &[&args.images, &args.depth],
-        &BTreeMap::from([(Role::Test, TEST_IMAGES)]),
-        &frames,
+    Ok(Frames {
+        frames,
         failures,
-        make,
-    )?;
-    let code = cli::conclude(&args.options.out, args.options.shard, &report);
-    if args.options.shard.is_none() && !report.set.manifest.is_complete(Role::Test) {
-        tell(format_args!(
-            "the published test set has {TEST_IMAGES} images; numbers from fewer are not comparable with it"
-        ));
-    }
-    Ok(code)
+        expected: BTreeMap::from([(Role::Test, TEST_IMAGES)]),
+    })
 }
 
 /// The files `<before><stem><after>` of a folder, by stem.
@@ -124,7 +116,7 @@ fn stems(
         let stem = name
             .to_str()
             .and_then(|name| name.strip_prefix(before)?.strip_suffix(after));
-        if let Some(stem) = stem.filter(|stem| workshop::check_id(stem).is_ok()) {
+        if let Some(stem) = stem.filter(|stem| check_id(stem).is_ok()) {
             found.insert(stem.to_owned(), entry.path());
         }
     }
@@ -136,17 +128,17 @@ fn stems(
     Ok(found)
 }
 
-fn make(workshop: &Workshop<'_>, frame: &Frame<(PathBuf, PathBuf)>) -> Piece<Sample> {
-    let (image, grid) = &frame.input;
-    let picture = workshop.picture("left", &frame.id, image, Some(rows), true)?;
-    let path = format!("depth/laser/{}.exr", frame.id);
-    let depth = match workshop.files.kept(&path, workshop::changed(grid))? {
+fn make(files: &SetFiles<'_>, frame: &Frame<Files>) -> SampleResult<Sample> {
+    let Files { image, grid } = &frame.input;
+    let picture = files.picture(Side::Left, &frame.id, image, Some(rows), true)?;
+    let path = layout::depth(DepthKind::Laser, &frame.id);
+    let depth = match files.kept(&path, grid.changed())? {
         Some(kept) => kept,
         None => {
-            let bytes = files::read(grid).map_err(|e| Stop::path(grid, e))?;
+            let bytes = grid.read().map_err(|e| SampleError::input(grid, e))?;
             let depth_m = mat::read(&bytes, VARIABLE)
                 .and_then(|grid| depth(&grid))
-                .map_err(|problem| Stop::about(grid, problem))?;
+                .map_err(|problem| SampleError::about(grid, problem))?;
             let header = DepthHeader {
                 source: "make3d/Gridlaserdata".to_owned(),
                 axis: "laser".to_owned(),
@@ -154,7 +146,7 @@ fn make(workshop: &Workshop<'_>, frame: &Frame<(PathBuf, PathBuf)>) -> Piece<Sam
                 baseline_m: 0.0,
                 frame: frame.id.clone(),
             };
-            workshop.files.put_depth(path, &depth_m, &header)?
+            files.put_depth(path, &depth_m, &header)?
         }
     };
     Ok(Sample {
@@ -189,7 +181,7 @@ pub fn depth(grid: &Matrix) -> std::result::Result<Plane, String> {
     let at = |row, column| grid.values[row + rows * column + 3 * rows * columns];
     let data: Vec<f32> = GRID_ROWS
         .flat_map(|row| (0..columns).map(move |column| (row, column)))
-        .map(|(row, column)| workshop::measured(at(row, column)))
+        .map(|(row, column)| measured(at(row, column)))
         .collect();
     if data.iter().all(|depth_m| *depth_m == 0.0) {
         return Err("no pixel of the grid was measured".to_owned());

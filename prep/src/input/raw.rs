@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use strat_geometry::{CamToCam, VeloToCam, velodyne_projection};
@@ -37,6 +38,8 @@ pub struct RawFolder {
     pub rendered: bool,
     /// Archives and folders that cannot be read, with the reason.
     pub broken: Vec<(PathBuf, String)>,
+    /// Sentences about what is there and cannot serve.
+    pub notes: Vec<String>,
     days: BTreeMap<Date, Day>,
     drives: BTreeMap<DriveId, Drive>,
 }
@@ -45,7 +48,7 @@ pub struct RawFolder {
 #[derive(Debug)]
 pub struct Day {
     /// The cameras.
-    pub cameras: std::result::Result<CamToCam, String>,
+    pub cameras: std::result::Result<Arc<CamToCam>, String>,
     /// From Velodyne points to left pixels.
     pub projection: std::result::Result<[[f64; 4]; 3], String>,
     /// When the later of the files was written or put into place.
@@ -77,17 +80,6 @@ enum Meaning {
 pub const RENDERED: &str = "RENDERED";
 
 impl RawFolder {
-    /// No folder at all, for what needs none.
-    pub fn none(rendered: bool) -> Self {
-        Self {
-            root: PathBuf::new(),
-            rendered,
-            broken: Vec::new(),
-            days: BTreeMap::new(),
-            drives: BTreeMap::new(),
-        }
-    }
-
     /// Looks through a folder with one sub-folder per recording day, or archives, or both; or
     /// through one archive. Archives are looked for in the folder and in those of the days.
     ///
@@ -139,6 +131,7 @@ impl RawFolder {
             root: root.to_owned(),
             rendered: found.rendered,
             broken: found.broken,
+            notes: Vec::new(),
             days: found.days.into_iter().map(day).collect(),
             drives: found.drives,
         })
@@ -242,7 +235,7 @@ impl Found {
     /// Adds a file; of two of the same frame the better one stays.
     fn add_file(&mut self, id: DriveId, kind: usize, index: u32, source: Source) {
         let files = &mut self.drives.entry(id).or_default().0[kind];
-        let rank = |source: &Source| (source.is_file(), source.ending() == "png");
+        let rank = |source: &Source| (source.is_file(), source.extension() == "png");
         match files.get(&index) {
             Some(known) if rank(known) >= rank(&source) => {}
             _ => {
@@ -281,7 +274,8 @@ impl Day {
             ))
         };
         let cameras = read(cam_to_cam, CALIBRATIONS[0])
-            .and_then(|(file, text)| CamToCam::parse(&text).map_err(|e| format!("{file}: {e}")));
+            .and_then(|(file, text)| CamToCam::parse(&text).map_err(|e| format!("{file}: {e}")))
+            .map(Arc::new);
         let projection = read(velo_to_cam, CALIBRATIONS[1])
             .and_then(|(file, text)| VeloToCam::parse(&text).map_err(|e| format!("{file}: {e}")))
             .and_then(|velo| {

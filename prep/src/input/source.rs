@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use strat_store::image_files;
 use zip::{CompressionMethod, ZipArchive};
 
 /// Largest entry that is read, in bytes. KITTI's largest are scans of 2 MB; what claims to be far
@@ -109,13 +110,25 @@ impl Source {
         })
     }
 
-    /// What follows the last dot of its name.
-    pub fn ending(&self) -> &str {
+    /// What follows the last dot of its name, in small letters; empty if there is no dot.
+    pub fn extension(&self) -> String {
         let name = match self {
             Self::File(path) => path.file_name().and_then(|n| n.to_str()).unwrap_or(""),
             Self::Entry(entry) => &entry.name,
         };
-        name.rsplit_once('.').map_or("", |(_, ending)| ending)
+        let extension = name.rsplit_once('.').map_or("", |(_, extension)| extension);
+        extension.to_lowercase()
+    }
+
+    /// Width and height in pixels of an image; of a file, from its first bytes alone.
+    ///
+    /// # Errors
+    /// It cannot be read or is no image; the message names it.
+    pub fn image_size(&self) -> strat_store::Result<(u32, u32)> {
+        match self {
+            Self::File(path) => image_files::read_size(path),
+            Self::Entry(_) => image_files::decode_size(&self.read()?, &self.to_string()),
+        }
     }
 
     /// Whether it is a file of its own, which counts more than a copy in an archive.
@@ -331,7 +344,7 @@ mod tests {
         let [one, two] = [0, 1].map(|i| Source::Entry(found[i].clone()));
         assert_eq!(one.read().unwrap(), b"one");
         assert_eq!(two.read().unwrap(), LONG);
-        assert_eq!((one.ending(), two.len()), ("png", 5000));
+        assert_eq!((&*one.extension(), two.len()), ("png", 5000));
         assert_eq!(two.to_string(), format!("{}: a/two.bin", path.display()));
     }
 

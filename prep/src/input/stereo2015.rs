@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use strat_splits::Date;
 
 use crate::error::{Error, Result};
-use crate::input::raw::{IMAGE_ENDINGS, names};
+use crate::input::raw::{IMAGE_ENDINGS, RENDERED, names};
 use crate::input::source::{self, Source};
 
 /// Which data set a folder should be.
@@ -27,6 +27,8 @@ pub enum Kind {
 pub struct SceneFolder {
     /// The folder or archive.
     pub root: PathBuf,
+    /// Whether it was rendered by `prep synth`.
+    pub rendered: bool,
     /// Archives that cannot be read, with the reason.
     pub broken: Vec<(PathBuf, String)>,
     training: PathBuf,
@@ -120,6 +122,7 @@ impl SceneFolder {
         }
         Ok(Self {
             root: root.to_owned(),
+            rendered: root.join(RENDERED).is_file(),
             broken,
             training,
             packed,

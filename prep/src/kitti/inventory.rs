@@ -6,7 +6,10 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::SystemTime;
 
+use strat_geometry::CamToCam;
 use strat_splits::{
     Date, DriveId, FrameId, Role, Split, eigen_test, kitti2015_id, kitti2015_origin, training,
     validation,
@@ -17,46 +20,63 @@ use crate::input::annotated::AnnotatedFolder;
 use crate::input::raw::RawFolder;
 use crate::input::source::Source;
 use crate::input::stereo2015::SceneFolder;
-use crate::set::writer::Frame;
+use crate::set::sample::Frame;
 
 /// One sample to be made.
 pub type Job = Frame<Input>;
 
-/// Input files of a sample.
+/// What a sample is made from.
 #[derive(Debug)]
 pub enum Input {
     /// A frame of a raw drive.
-    Raw {
-        /// The frame.
-        frame: FrameId,
-        /// Left image.
-        left: Source,
-        /// Right image.
-        right: Source,
-        /// Velodyne scan, where depth is to be made of it.
-        scan: Option<Source>,
-        /// Annotated depth.
-        annotated: Option<Source>,
-    },
+    Raw(RawInput),
     /// A scene of stereo 2015.
-    Scene {
-        /// Number of the scene.
-        number: usize,
-        /// Left image.
-        left: Source,
-        /// Right image.
-        right: Source,
-        /// Disparity of pixels visible in both images.
-        noc: Source,
-        /// Disparity of all measured pixels.
-        occ: Option<Source>,
-        /// Calibration text.
-        calibration: Option<Source>,
-        /// Label ids.
-        semantic: Option<Source>,
-        /// Instance ids.
-        instance: Option<Source>,
-    },
+    Scene(SceneInput),
+}
+
+/// Input files of a frame of a raw drive.
+#[derive(Debug)]
+pub struct RawInput {
+    /// Left image.
+    pub left: Source,
+    /// Right image; only test frames can do without.
+    pub right: Option<Source>,
+    /// The cameras of its day.
+    pub cameras: Arc<CamToCam>,
+    /// Velodyne scan, where depth is to be made of it.
+    pub scan: Option<ScanInput>,
+    /// Annotated depth.
+    pub annotated: Option<Source>,
+}
+
+/// A Velodyne scan and where its points fall.
+#[derive(Debug)]
+pub struct ScanInput {
+    /// The scan.
+    pub file: Source,
+    /// From its points to left pixels.
+    pub projection: [[f64; 4]; 3],
+    /// When the calibration behind the projection was written or put into place.
+    pub calibration_changed: Option<SystemTime>,
+}
+
+/// Input files of a scene of stereo 2015.
+#[derive(Debug)]
+pub struct SceneInput {
+    /// Left image.
+    pub left: Source,
+    /// Right image.
+    pub right: Source,
+    /// Disparity of pixels visible in both images.
+    pub noc: Source,
+    /// Disparity of all measured pixels.
+    pub occ: Option<Source>,
+    /// Calibration text.
+    pub calibration: Option<Source>,
+    /// Label ids.
+    pub semantic: Option<Source>,
+    /// Instance ids.
+    pub instance: Option<Source>,
 }
 
 /// Jobs, counts and gaps of a split.
@@ -105,9 +125,9 @@ pub enum Roles {
 }
 
 impl Inventory {
-    /// Looks up everything the KITTI split asks for.
+    /// Looks up everything the KITTI split asks for; its test images need no KITTI raw.
     pub fn kitti(
-        raw: &RawFolder,
+        raw: Option<&RawFolder>,
         stereo: &SceneFolder,
         semantics: Option<&SceneFolder>,
         roles: Roles,
@@ -175,8 +195,7 @@ impl Inventory {
                 inventory.jobs.push(Job {
                     role: Role::Test,
                     id: kitti2015_id(number),
-                    input: Input::Scene {
-                        number,
+                    input: Input::Scene(SceneInput {
                         left,
                         right,
                         noc,
@@ -184,7 +203,7 @@ impl Inventory {
                         calibration,
                         semantic,
                         instance,
-                    },
+                    }),
                 });
             }
         }
@@ -194,7 +213,7 @@ impl Inventory {
     /// Looks up everything the Eigen split asks for.
     pub fn eigen(raw: &RawFolder, annotated: Option<&AnnotatedFolder>, roles: Roles) -> Self {
         let mut inventory = Self::default();
-        inventory.add_raw(raw, Split::Eigen, roles, annotated);
+        inventory.add_raw(Some(raw), Split::Eigen, roles, annotated);
         for frame in eigen_test() {
             inventory.add_frame(raw, *frame, Role::Test, true, annotated);
         }
@@ -228,7 +247,7 @@ impl Inventory {
         let mut text = String::new();
         describe(&mut text, &self.needed);
         if !self.useful.is_empty() {
-            text.push_str("Samples are made without these, and are less useful for it:\n");
+            text.push_str("Optional; samples are written without them:\n");
             describe(&mut text, &self.useful);
         }
         for (_, problem) in &self.broken {
@@ -242,19 +261,22 @@ impl Inventory {
 
     fn add_raw(
         &mut self,
-        raw: &RawFolder,
+        raw: Option<&RawFolder>,
         split: Split,
         roles: Roles,
         annotated: Option<&AnnotatedFolder>,
     ) {
-        self.broken.extend(raw.broken.iter().cloned());
-        self.note_calibrations(raw, split);
-        if roles == Roles::Test {
-            // The split has them all the same, and the set will say that it has none of them.
+        if let Some(raw) = raw {
+            self.broken.extend(raw.broken.iter().cloned());
+            self.notes.extend(raw.notes.iter().cloned());
+            self.note_calibrations(raw, split);
+        }
+        let (Some(raw), Roles::All | Roles::AllWithDepth) = (raw, roles) else {
+            // The split has them still, and the set will say that it has none of them.
             self.count(Role::Train, training(split).len() as u64, 0);
             self.count(Role::Val, validation(split).len() as u64, 0);
             return;
-        }
+        };
         let train_depth = roles == Roles::AllWithDepth;
         for frame in training(split) {
             self.add_frame(raw, frame, Role::Train, train_depth, None);
@@ -281,49 +303,54 @@ impl Inventory {
         let day = raw.day(frame.drive.date);
         let mut look = |kind, present: bool| {
             tally(&mut self.needed, place, kind, &frame.stem(), present);
-            present
         };
-        let cameras = look(
-            "pairs with a camera calibration",
-            day.is_some_and(|day| day.cameras.is_ok()),
-        );
+        let cameras = day.and_then(|day| day.cameras.as_ref().ok());
+        look("pairs with a camera calibration", cameras.is_some());
         let (left, right) = (raw.left(frame), raw.right(frame));
-        let images = look("left images (image_02)", left.is_some())
-            & look("right images (image_03)", right.is_some());
+        look("left images (image_02)", left.is_some());
+        let is_test = role == Role::Test;
+        // No protocol looks at the right image of a test frame.
+        let gaps = if is_test {
+            &mut self.useful
+        } else {
+            &mut self.needed
+        };
+        let kind = "right images (image_03)";
+        tally(gaps, place, kind, &frame.stem(), right.is_some());
+        let has_images = left.is_some() && (right.is_some() || is_test);
         let mut scan = None;
         // A missing pair is told once; a test frame is nothing without its ground truth.
-        if depth && (images || role == Role::Test) {
-            scan = raw
-                .scan(frame)
-                .filter(|_| day.is_some_and(|day| day.projection.is_ok()));
-            let gaps = if role == Role::Test {
+        if depth && (has_images || is_test) {
+            scan = day.and_then(|day| {
+                Some(ScanInput {
+                    file: raw.scan(frame)?.clone(),
+                    projection: *day.projection.as_ref().ok()?,
+                    calibration_changed: day.changed,
+                })
+            });
+            let gaps = if is_test {
                 &mut self.needed
             } else {
                 &mut self.useful
             };
-            tally(
-                gaps,
-                place,
-                "usable scans (velodyne_points)",
-                &frame.stem(),
-                scan.is_some(),
-            );
-            if role == Role::Test && scan.is_none() {
+            let kind = "usable scans (velodyne_points)";
+            tally(gaps, place, kind, &frame.stem(), scan.is_some());
+            if is_test && scan.is_none() {
                 return;
             }
         }
-        if let (Some(left), Some(right), true) = (left, right, cameras && images) {
+        if let (Some(left), Some(cameras), true) = (left, cameras, has_images) {
             self.count(role, 0, 1);
             self.jobs.push(Job {
                 role,
                 id: frame.to_string(),
-                input: Input::Raw {
-                    frame,
+                input: Input::Raw(RawInput {
                     left: left.clone(),
-                    right: right.clone(),
-                    scan: scan.cloned(),
+                    right: right.cloned(),
+                    cameras: Arc::clone(cameras),
+                    scan,
                     annotated: annotated.and_then(|folder| folder.depth(frame)),
-                },
+                }),
             });
         }
     }
@@ -357,9 +384,9 @@ impl Inventory {
     fn note_annotated(&mut self) {
         let of = |role| {
             let jobs = self.jobs.iter().filter(|job| job.role == role);
-            let with = jobs.clone().filter(
-                |job| matches!(&job.input, Input::Raw { annotated, .. } if annotated.is_some()),
-            );
+            let with = jobs
+                .clone()
+                .filter(|job| matches!(&job.input, Input::Raw(input) if input.annotated.is_some()));
             (with.count(), jobs.count())
         };
         let ((test, tests), (val, vals)) = (of(Role::Test), of(Role::Val));

@@ -5,53 +5,30 @@
 
 use std::path::Path;
 
-use image::RgbImage;
 use strat_geometry::{
     CamToCam, DepthAxis, NOMINAL_BASELINE_M, ScanDepth, depth_from_disparity_px, nominal_focal_px,
 };
-use strat_splits::{FrameId, Role, Split};
+use strat_splits::Role;
 use strat_store::exr::DepthHeader;
 use strat_store::image_files::{self, Codec};
+use strat_store::layout::{self, DepthKind, LabelKind, Side};
 use strat_store::raster::Plane;
-use strat_store::resize::{self, Kernel};
-use strat_store::set::{FORMAT, FileRef, Sample};
+use strat_store::set::{FileRef, Sample};
+use strat_store::shard::Shard;
 
-use crate::error::{Error, Result};
-use crate::input::raw::{Day, RawFolder};
+use crate::error::Result;
 use crate::input::source::Source;
 use crate::input::stereo2015::camera_by_size;
-use crate::kitti::inventory::{Input, Inventory, Job};
-use crate::set::shards::Shard;
-use crate::set::space::{free_bytes, human_bytes};
-pub use crate::set::writer::{FAILURES, Failure, Report, SETTINGS, Settings, check_output};
-use crate::set::writer::{Made, Output, Piece, Run, Stop};
+use crate::kitti::inventory::{Input, Inventory, Job, RawInput, ScanInput, SceneInput};
+use crate::set::files::SetFiles;
+use crate::set::results::Failure;
+use crate::set::sample::{BadInput, SampleError, SampleResult, optional, same_size};
+use crate::set::settings::Settings;
+use crate::set::writer::{Report, SetOptions, write_set};
 
-impl Settings {
-    /// Settings of a set made from `raw`.
-    pub fn new(
-        split: Split,
-        raw: &RawFolder,
-        image_width: u32,
-        image_height: u32,
-        kernel: Kernel,
-        codec: Codec,
-    ) -> Self {
-        let source = if raw.rendered { "rendered" } else { "kitti" };
-        Self {
-            format: FORMAT,
-            content: split.into(),
-            source: source.to_owned(),
-            image_width,
-            image_height,
-            kernel,
-            codec,
-        }
-    }
-}
-
-/// Bytes a pixel takes as PNG and as JPEG of quality 92, and a depth map takes; the least seen on
-/// frames of KITTI, so that no run is refused that would fit.
-const BYTES: (f64, f64, u64) = (1.5, 0.3, 100_000);
+/// Least bytes per pixel of a PNG, per pixel of a JPEG of quality 92, and of a depth map that were seen
+/// on frames of KITTI, so that no run is refused that would fit.
+const MIN_BYTES: (f64, f64, u64) = (1.5, 0.3, 100_000);
 
 /// Bytes the jobs (of a shard) will write at least; of pairs whose left image is in `out` already,
 /// none.
@@ -63,581 +40,382 @@ pub fn bytes_to_write(
 ) -> u64 {
     let pixels = f64::from(settings.image_width) * f64::from(settings.image_height);
     let small = match settings.codec {
-        Codec::Png => pixels * BYTES.0,
-        Codec::Jpeg(quality) => pixels * BYTES.1 * f64::from(quality) / 92.0,
+        Codec::Png => pixels * MIN_BYTES.0,
+        Codec::Jpeg(quality) => pixels * MIN_BYTES.1 * f64::from(quality) / 92.0,
     };
-    let mine = |job: &&Job| shard.is_none_or(|shard| shard.has(&job.id));
-    let bytes = inventory.jobs.iter().filter(mine).map(|job| {
-        let (place, stem) = job.id.split_once('/').unwrap_or(("", &job.id));
-        let ending = settings.codec.ending();
-        if out
-            .join(format!("images/{place}/left/{stem}.{ending}"))
-            .is_file()
-        {
+    let depth = MIN_BYTES.2;
+    let bytes = inventory.jobs.iter().map(|job| {
+        let left = layout::image(
+            settings.content,
+            Side::Left,
+            &job.id,
+            settings.codec.extension(),
+        );
+        let is_mine = shard.is_none_or(|shard| shard.has(&job.id));
+        if !is_mine || out.join(left).is_file() {
             return 0;
         }
-        let more = match &job.input {
-            Input::Raw { left, scan, .. } => {
-                let full = if job.role == Role::Test {
-                    left.len()
-                } else {
-                    0
+        let (images, more) = match &job.input {
+            Input::Raw(raw) => {
+                let full = match job.role {
+                    Role::Test => raw.left.len(),
+                    Role::Train | Role::Val => 0,
                 };
-                full + 2 * BYTES.2 * u64::from(scan.is_some())
+                let images = 1 + u64::from(raw.right.is_some());
+                (images, full + 2 * depth * u64::from(raw.scan.is_some()))
             }
-            Input::Scene { left, right, .. } => left.len() + right.len() + BYTES.2,
+            Input::Scene(scene) => (2, scene.left.len() + scene.right.len() + depth),
         };
-        2 * small as u64 + more
+        images * small as u64 + more
     });
     bytes.sum()
-}
-
-/// Makes sure that the disk has room for what is to be written.
-///
-/// # Errors
-/// It has not; the message says how much is needed and free.
-pub fn check_space(
-    out: &Path,
-    settings: &Settings,
-    inventory: &Inventory,
-    shard: Option<Shard>,
-) -> Result<()> {
-    // A file system that does not tell is no reason to refuse.
-    let Ok(free) = free_bytes(out) else {
-        return Ok(());
-    };
-    let needed = bytes_to_write(out, settings, inventory, shard);
-    if needed <= free {
-        return Ok(());
-    }
-    Err(Error::Space {
-        path: out.to_owned(),
-        needed: human_bytes(needed),
-        free: human_bytes(free),
-    })
 }
 
 /// Makes everything the inventory found possible and writes the set or the part of it.
 ///
 /// # Errors
 /// The output cannot be written. Bad inputs are no error here: see [`Report::failures`].
-pub(crate) fn build(run: &Run<'_>, raw: &RawFolder, inventory: &Inventory) -> Result<Report> {
+pub fn build(options: &SetOptions, settings: &Settings, inventory: &Inventory) -> Result<Report> {
     // Archives and folders that cannot be read cost many samples at once, unless all of these are
     // there elsewhere.
-    let broken = inventory.broken.iter().map(|(path, problem)| Failure {
-        role: None,
-        id: String::new(),
-        file: path.display().to_string(),
-        problem: problem.clone(),
-    });
     let broken = match inventory.is_complete() {
-        true => Vec::new(),
-        false => broken.collect(),
+        true => &[][..],
+        false => &inventory.broken,
     };
+    let broken = broken.iter();
+    let broken = broken.map(|(path, problem)| Failure::of_many(path, problem));
     let expected = inventory.counts.iter();
-    let expected = expected.map(|(role, count)| (*role, count.expected));
-    run.make(expected.collect(), &inventory.jobs, broken, |files, job| {
-        let workshop = Workshop {
-            files,
-            settings: run.settings,
-            raw,
-        };
-        workshop.make(job)
+    write_set(
+        options,
+        settings,
+        expected
+            .map(|(role, count)| (*role, count.expected))
+            .collect(),
+        &inventory.jobs,
+        broken.collect(),
+        |files, job, left_out| match &job.input {
+            Input::Raw(input) => raw_frame(files, job, input, left_out),
+            Input::Scene(input) => scene(files, job, input),
+        },
+    )
+}
+
+/// A frame of a drive. Without ground truth it is worthless as a test sample and still a good pair
+/// elsewhere; no test needs its right image.
+fn raw_frame(
+    files: &SetFiles<'_>,
+    job: &Job,
+    input: &RawInput,
+    left_out: &mut Vec<BadInput>,
+) -> SampleResult<Sample> {
+    let is_test = job.role == Role::Test;
+    let cameras = &*input.cameras;
+    let left = files.picture(Side::Left, &job.id, &input.left, None, is_test)?;
+    let right = match &input.right {
+        Some(from) => {
+            let right = files.picture(Side::Right, &job.id, from, None, false)?;
+            same_size(from, right.size, left.size)?;
+            Some(right.small)
+        }
+        None => None,
+    };
+    if left.size != (cameras.width, cameras.height) {
+        let ((w, h), (cw, ch)) = (left.size, (cameras.width, cameras.height));
+        return Err(SampleError::input(
+            &input.left,
+            format!(
+                "{} is {w}x{h}, but its calibration is for {cw}x{ch}",
+                input.left
+            ),
+        ));
+    }
+    let scanned = input.scan.as_ref().map(|scan| {
+        let depth = scan_depth(files, job, scan, cameras);
+        if is_test {
+            depth.map(Some)
+        } else {
+            optional(depth, left_out)
+        }
+    });
+    let (depth_velodyne, depth_camera) = scanned.transpose()?.flatten().unzip();
+    let annotated = input.annotated.as_ref().map(|from| {
+        let depth = annotated_depth(files, job, from, cameras);
+        optional(depth, left_out)
+    });
+    Ok(Sample {
+        right,
+        left_full: left.full,
+        depth_velodyne,
+        depth_camera,
+        depth_annotated: annotated.transpose()?.flatten(),
+        ..Sample::new(
+            &job.id,
+            left.size,
+            cameras.focal_px(),
+            cameras.baseline_m(),
+            left.small,
+        )
     })
 }
 
-struct Workshop<'a> {
-    files: &'a Output<'a>,
-    settings: &'a Settings,
-    raw: &'a RawFolder,
+/// A scene of stereo 2015.
+fn scene(files: &SetFiles<'_>, job: &Job, input: &SceneInput) -> SampleResult<Sample> {
+    let left = files.picture(Side::Left, &job.id, &input.left, None, true)?;
+    let right = files.picture(Side::Right, &job.id, &input.right, None, true)?;
+    same_size(&input.right, right.size, left.size)?;
+    let size = left.size;
+    let (focal_px, baseline_m) = scene_camera(input, size)?;
+    let disparity = |kind, from| disparity_depth(files, job, kind, from, size, focal_px);
+    let label = |kind, from: &Option<Source>| {
+        let from = from.as_ref();
+        from.map(|from| label(files, job, kind, from, size))
+            .transpose()
+    };
+    Ok(Sample {
+        right: Some(right.small),
+        left_full: left.full,
+        right_full: right.full,
+        depth_noc: Some(disparity(DepthKind::Noc, &input.noc)?),
+        depth_occ: input
+            .occ
+            .as_ref()
+            .map(|occ| disparity(DepthKind::Occ, occ))
+            .transpose()?,
+        semantic: label(LabelKind::Semantic, &input.semantic)?,
+        instance: label(LabelKind::Instance, &input.instance)?,
+        ..Sample::new(&job.id, size, focal_px, baseline_m, left.small)
+    })
 }
 
-/// The two versions of an image in the set, and its native size.
-struct Picture {
-    small: FileRef,
-    full: Option<FileRef>,
-    size: (u32, u32),
-}
-
-impl Workshop<'_> {
-    fn make(&self, job: &Job) -> Result<Made> {
-        let mut failures = Vec::new();
-        let piece = match &job.input {
-            Input::Raw {
-                frame,
+/// Focal length in pixels and baseline in metres of a scene.
+fn scene_camera(input: &SceneInput, (width, height): (u32, u32)) -> SampleResult<(f64, f64)> {
+    let Some(path) = &input.calibration else {
+        return camera_by_size(width, height).ok_or_else(|| {
+            let left = &input.left;
+            SampleError::input(
                 left,
-                right,
-                scan,
-                annotated,
-            } => self.raw_pair(
-                job,
-                *frame,
-                (left, right),
-                scan.as_ref(),
-                annotated.as_ref(),
-                &mut failures,
-            ),
-            Input::Scene { .. } => self.scene(job),
-        };
-        match piece {
-            Ok(sample) => Ok(Made { sample, failures }),
-            Err(stop) => {
-                failures.push(failure(job, stop)?);
-                Ok(Made {
-                    sample: None,
-                    failures,
-                })
-            }
-        }
-    }
-
-    fn raw_pair(
-        &self,
-        job: &Job,
-        frame: FrameId,
-        (left, right): (&Source, &Source),
-        scan: Option<&Source>,
-        annotated: Option<&Source>,
-        failures: &mut Vec<Failure>,
-    ) -> Piece<Option<Sample>> {
-        let no_calibration = || Stop::input(left, "this recording day has no usable calibration");
-        let day = self.raw.day(frame.drive.date).ok_or_else(no_calibration)?;
-        let cameras = day.cameras.as_ref().map_err(|_| no_calibration())?;
-        let (drive, stem) = (frame.drive.to_string(), frame.stem());
-        let full = (job.role == Role::Test).then_some(Side::Left);
-        let (left_picture, right_picture) = self.pair(&drive, &stem, left, right, full)?;
-        if left_picture.size != (cameras.width, cameras.height) {
-            let ((w, h), (cw, ch)) = (left_picture.size, (cameras.width, cameras.height));
-            return Err(Stop::input(
-                left,
-                format!("{left} is {w}x{h}, but its calibration is for {cw}x{ch}"),
-            ));
-        }
-        let mut depth = None;
-        if let (Some(scan), Ok(projection)) = (scan, &day.projection) {
-            match self.velodyne(&drive, &stem, scan, day, cameras, projection) {
-                Ok(files) => depth = Some(files),
-                // Worthless as a test sample without ground truth; still a good pair elsewhere.
-                Err(stop) if job.role == Role::Test => return Err(stop),
-                Err(stop) => failures.push(failure(job, stop).map_err(Stop::Output)?),
-            }
-        }
-        let (depth_velodyne, depth_camera) = depth.unzip();
-        let mut depth_annotated = None;
-        if let Some(from) = annotated {
-            match self.annotated(&drive, &stem, from, cameras) {
-                Ok(file) => depth_annotated = Some(file),
-                Err(stop) => failures.push(failure(job, stop).map_err(Stop::Output)?),
-            }
-        }
-        Ok(Some(Sample {
-            right: Some(right_picture.small),
-            left_full: left_picture.full,
-            right_full: right_picture.full,
-            depth_velodyne,
-            depth_camera,
-            depth_annotated,
-            ..Sample::new(
-                &job.id,
-                left_picture.size,
-                cameras.focal_px(),
-                cameras.baseline_m(),
-                left_picture.small,
+                format!(
+                    "{left} is {width}x{height}, which is no KITTI size, and has no calibration"
+                ),
             )
-        }))
-    }
-
-    fn scene(&self, job: &Job) -> Piece<Option<Sample>> {
-        let Input::Scene {
-            number,
-            left,
-            right,
-            noc,
-            occ,
-            calibration,
-            semantic,
-            instance,
-        } = &job.input
-        else {
-            return Ok(None);
-        };
-        let stem = format!("{number:06}");
-        let (left_picture, right_picture) =
-            self.pair("kitti2015", &stem, left, right, Some(Side::Both))?;
-        let size = left_picture.size;
-        let (focal_px, baseline_m) = match calibration {
-            Some(path) => {
-                let bytes = path.read().map_err(|e| Stop::input(path, e))?;
-                let cameras = CamToCam::parse(&String::from_utf8_lossy(&bytes))
-                    .map_err(|e| Stop::input(path, format!("{path}: {e}")))?;
-                if (cameras.width, cameras.height) != size {
-                    let (w, h) = size;
-                    let problem = format!(
-                        "{path} is for {}x{}, but the image is {w}x{h}",
-                        cameras.width, cameras.height
-                    );
-                    return Err(Stop::input(path, problem));
-                }
-                (cameras.focal_px(), cameras.baseline_m())
-            }
-            None => camera_by_size(size.0, size.1).ok_or_else(|| {
-                let (w, h) = size;
-                Stop::input(
-                    left,
-                    format!("{left} is {w}x{h}, which is no KITTI size, and has no calibration"),
-                )
-            })?,
-        };
-        let disparity =
-            |kind: &str, from: &Source| self.disparity(job, kind, &stem, from, size, focal_px);
-        let label = |kind: &str, from: &Option<Source>, check: Check| {
-            from.as_ref()
-                .map(|from| self.label(kind, &stem, from, size, check))
-                .transpose()
-        };
-        Ok(Some(Sample {
-            right: Some(right_picture.small),
-            left_full: left_picture.full,
-            right_full: right_picture.full,
-            depth_noc: Some(disparity("noc", noc)?),
-            depth_occ: occ.as_ref().map(|occ| disparity("occ", occ)).transpose()?,
-            semantic: label("semantic", semantic, |bytes, name| {
-                image_files::decode_gray8(bytes, name).map(|(w, h, _)| (w, h))
-            })?,
-            instance: label("instance", instance, |bytes, name| {
-                image_files::decode_gray16(bytes, name).map(|(w, h, _)| (w, h))
-            })?,
-            ..Sample::new(&job.id, size, focal_px, baseline_m, left_picture.small)
-        }))
-    }
-
-    /// Both images of a pair, which must be of one size. `full` says which originals are kept.
-    fn pair(
-        &self,
-        drive: &str,
-        stem: &str,
-        left: &Source,
-        right: &Source,
-        full: Option<Side>,
-    ) -> Piece<(Picture, Picture)> {
-        let left_picture = self.picture(drive, stem, "left", left, full.is_some())?;
-        let right_picture = self.picture(drive, stem, "right", right, full == Some(Side::Both))?;
-        if left_picture.size != right_picture.size {
-            let ((w, h), (rw, rh)) = (left_picture.size, right_picture.size);
-            return Err(Stop::input(
-                right,
-                format!("{right} is {rw}x{rh}, but its left image is {w}x{h}"),
-            ));
-        }
-        Ok((left_picture, right_picture))
-    }
-
-    fn picture(
-        &self,
-        drive: &str,
-        stem: &str,
-        side: &str,
-        from: &Source,
-        keep_full: bool,
-    ) -> Piece<Picture> {
-        let small = format!(
-            "images/{drive}/{side}/{stem}.{}",
-            self.settings.codec.ending()
-        );
-        let full = keep_full.then(|| format!("full/{drive}/{side}/{stem}.{}", from.ending()));
-        let changed = from.changed();
-        let kept_small = self.files.kept(&small, changed)?;
-        let kept_full = full
-            .as_deref()
-            .map(|path| self.files.kept(path, changed))
-            .transpose()?
-            .flatten();
-        if let Some(small) = &kept_small
-            && kept_full.is_some() == full.is_some()
-        {
-            let size = match from {
-                Source::File(path) => image_files::read_size(path),
-                Source::Entry(_) => from
-                    .read()
-                    .and_then(|bytes| image_files::decode_size(&bytes, &from.to_string())),
-            };
-            let size = size.map_err(|e| Stop::input(from, e))?;
-            return Ok(Picture {
-                small: small.clone(),
-                full: kept_full,
-                size,
-            });
-        }
-        let bytes = from.read().map_err(|e| Stop::input(from, e))?;
-        let image =
-            image_files::decode_rgb(&bytes, &from.to_string()).map_err(|e| Stop::input(from, e))?;
-        let small = match kept_small {
-            Some(small) => small,
-            None => self.files.put(small, &self.network_size(&image))?,
-        };
-        let full = match (kept_full, full) {
-            (None, Some(path)) => Some(self.files.put(path, &bytes)?),
-            (kept, _) => kept,
-        };
-        Ok(Picture {
-            small,
-            full,
-            size: image.dimensions(),
-        })
-    }
-
-    fn network_size(&self, image: &RgbImage) -> Vec<u8> {
-        let Settings {
-            image_width,
-            image_height,
-            kernel,
-            codec,
-            ..
-        } = *self.settings;
-        codec.encode(&resize::rgb(image, image_width, image_height, kernel))
-    }
-
-    /// Ground truth of a scan: along the scanner's axis and along the camera's.
-    fn velodyne(
-        &self,
-        drive: &str,
-        stem: &str,
-        scan: &Source,
-        day: &Day,
-        cameras: &CamToCam,
-        projection: &[[f64; 4]; 3],
-    ) -> Piece<(FileRef, FileRef)> {
-        let [velodyne, camera] =
-            ["velodyne", "camera"].map(|kind| format!("depth/{kind}/{drive}/{stem}.exr"));
-        // It depends on the calibration as much as on the scan.
-        let changed = scan.changed().max(day.changed);
-        let kept = (
-            self.files.kept(&velodyne, changed)?,
-            self.files.kept(&camera, changed)?,
-        );
-        if let (Some(velodyne), Some(camera)) = kept {
-            return Ok((velodyne, camera));
-        }
-        let (width, height) = (cameras.width as usize, cameras.height as usize);
-        let axes = [DepthAxis::VelodyneX, DepthAxis::CameraZ];
-        let mut depth = ScanDepth::new(projection, width, height, axes);
-        scan.read_in_pieces(|bytes| depth.add(bytes))
-            .map_err(|e| Stop::input(scan, e))?;
-        let depth = depth
-            .finish()
-            .map_err(|e| Stop::input(scan, format!("{scan}: {e}")))?;
-        let [along_scanner, along_camera] = depth.map(|data| Plane {
-            width,
-            height,
-            data,
         });
-        let header = |axis: &str| DepthHeader {
-            source: "velodyne".to_owned(),
-            axis: axis.to_owned(),
-            focal_px: cameras.focal_px(),
-            baseline_m: cameras.baseline_m(),
-            frame: format!("{drive}/{stem}"),
-        };
-        if along_scanner.data.iter().all(|depth_m| *depth_m == 0.0) {
-            return Err(Stop::input(
-                scan,
-                format!("{scan}: no point of the scan falls into the image"),
-            ));
-        }
-        Ok((
-            self.files
-                .put_depth(velodyne, &along_scanner, &header("velodyne-x"))?,
-            self.files
-                .put_depth(camera, &along_camera, &header("camera-z"))?,
-        ))
+    };
+    let bytes = path.read().map_err(|e| SampleError::input(path, e))?;
+    let cameras = CamToCam::parse(&String::from_utf8_lossy(&bytes))
+        .map_err(|e| SampleError::about(path, e))?;
+    if (cameras.width, cameras.height) != (width, height) {
+        let problem = format!(
+            "{path} is for {}x{}, but the image is {width}x{height}",
+            cameras.width, cameras.height
+        );
+        return Err(SampleError::input(path, problem));
     }
-
-    /// Annotated depth of KITTI depth: 16-bit metres times 256, 0 where nothing is known.
-    fn annotated(
-        &self,
-        drive: &str,
-        stem: &str,
-        from: &Source,
-        cameras: &CamToCam,
-    ) -> Piece<FileRef> {
-        let path = format!("depth/annotated/{drive}/{stem}.exr");
-        if let Some(kept) = self.files.kept(&path, from.changed())? {
-            return Ok(kept);
-        }
-        let (width, height, raw) = self.gray16(from, (cameras.width, cameras.height))?;
-        let header = DepthHeader {
-            source: "kitti-depth/groundtruth".to_owned(),
-            axis: "camera-z".to_owned(),
-            focal_px: cameras.focal_px(),
-            baseline_m: cameras.baseline_m(),
-            frame: format!("{drive}/{stem}"),
-        };
-        let depth_m = raw.iter().map(|value| f32::from(*value) / 256.0);
-        self.files.put_depth(
-            path,
-            &Plane {
-                width,
-                height,
-                data: depth_m.collect(),
-            },
-            &header,
-        )
-    }
-
-    /// A 16-bit map of the size of its image with at least one measurement.
-    fn gray16(&self, from: &Source, size: (u32, u32)) -> Piece<(usize, usize, Vec<u16>)> {
-        let bytes = from.read().map_err(|e| Stop::input(from, e))?;
-        let (width, height, raw) = image_files::decode_gray16(&bytes, &from.to_string())
-            .map_err(|e| Stop::input(from, e))?;
-        same_size(from, (width, height), size)?;
-        if raw.iter().all(|value| *value == 0) {
-            return Err(Stop::input(from, format!("{from} has no measured pixel")));
-        }
-        Ok((width, height, raw))
-    }
-
-    /// Ground truth of a stereo 2015 disparity map, in metres of the nominal rig (PROTOCOL 3.4).
-    fn disparity(
-        &self,
-        job: &Job,
-        kind: &str,
-        stem: &str,
-        from: &Source,
-        size: (u32, u32),
-        focal_px: f64,
-    ) -> Piece<FileRef> {
-        let path = format!("depth/{kind}/kitti2015/{stem}.exr");
-        if let Some(kept) = self.files.kept(&path, from.changed())? {
-            return Ok(kept);
-        }
-        let (width, height, raw) = self.gray16(from, size)?;
-        let focal_px = nominal_focal_px(size.0).unwrap_or(focal_px);
-        // Disparity is stored times 256; 0 means no measurement.
-        let depth_m = raw.iter().map(|value| match value {
-            0 => 0.0,
-            value => {
-                depth_from_disparity_px(focal_px, NOMINAL_BASELINE_M, f64::from(*value) / 256.0)
-                    as f32
-            }
-        });
-        let header = DepthHeader {
-            source: format!("kitti2015/disp_{kind}_0"),
-            axis: "camera-z".to_owned(),
-            focal_px,
-            baseline_m: NOMINAL_BASELINE_M,
-            frame: job.id.clone(),
-        };
-        self.files.put_depth(
-            path,
-            &Plane {
-                width,
-                height,
-                data: depth_m.collect(),
-            },
-            &header,
-        )
-    }
-
-    /// A label image, copied as it is after a look at it.
-    fn label(
-        &self,
-        kind: &str,
-        stem: &str,
-        from: &Source,
-        size: (u32, u32),
-        check: Check,
-    ) -> Piece<FileRef> {
-        let path = format!("labels/{kind}/kitti2015/{stem}.png");
-        if let Some(kept) = self.files.kept(&path, from.changed())? {
-            return Ok(kept);
-        }
-        let bytes = from.read().map_err(|e| Stop::input(from, e))?;
-        let found = check(&bytes, &from.to_string()).map_err(|e| Stop::input(from, e))?;
-        same_size(from, found, size)?;
-        self.files.put(path, &bytes)
-    }
+    Ok((cameras.focal_px(), cameras.baseline_m()))
 }
 
-/// Which originals of a pair are kept.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Side {
-    Left,
-    Both,
-}
-
-/// Width and height of a label image, after a look at its bytes; the name is for messages.
-type Check = fn(&[u8], &str) -> strat_store::Result<(usize, usize)>;
-
-fn same_size(file: &Source, found: (usize, usize), image: (u32, u32)) -> Piece<()> {
-    if found == (image.0 as usize, image.1 as usize) {
-        return Ok(());
+/// Ground truth of a scan: along the scanner's axis and along the camera's.
+fn scan_depth(
+    files: &SetFiles<'_>,
+    job: &Job,
+    input: &ScanInput,
+    cameras: &CamToCam,
+) -> SampleResult<(FileRef, FileRef)> {
+    let scan = &input.file;
+    let [velodyne, camera] =
+        [DepthKind::Velodyne, DepthKind::Camera].map(|kind| layout::depth(kind, &job.id));
+    // It depends on the calibration as much as on the scan.
+    let changed = scan.changed().max(input.calibration_changed);
+    let kept = (
+        files.kept(&velodyne, changed)?,
+        files.kept(&camera, changed)?,
+    );
+    if let (Some(velodyne), Some(camera)) = kept {
+        return Ok((velodyne, camera));
     }
-    let ((w, h), (iw, ih)) = (found, image);
-    Err(Stop::input(
-        file,
-        format!("{file} is {w}x{h}, but its left image is {iw}x{ih}"),
+    let (width, height) = (cameras.width as usize, cameras.height as usize);
+    let axes = [DepthAxis::VelodyneX, DepthAxis::CameraZ];
+    let mut depth = ScanDepth::new(&input.projection, width, height, axes);
+    scan.read_in_pieces(|bytes| depth.add(bytes))
+        .map_err(|e| SampleError::input(scan, e))?;
+    let depth = depth.finish().map_err(|e| SampleError::about(scan, e))?;
+    let [along_scanner, along_camera] = depth.map(|data| Plane {
+        width,
+        height,
+        data,
+    });
+    if along_scanner.data.iter().all(|depth_m| *depth_m == 0.0) {
+        let problem = "no point of the scan falls into the image";
+        return Err(SampleError::about(scan, problem));
+    }
+    let header = |axis| depth_header("velodyne", axis, job, cameras);
+    Ok((
+        files.put_depth(velodyne, &along_scanner, &header("velodyne-x"))?,
+        files.put_depth(camera, &along_camera, &header("camera-z"))?,
     ))
 }
 
-fn failure(job: &Job, stop: Stop) -> Result<Failure> {
-    stop.failure(job.role, &job.id)
+/// Annotated depth of KITTI depth: 16-bit metres times 256, 0 where nothing is known.
+fn annotated_depth(
+    files: &SetFiles<'_>,
+    job: &Job,
+    from: &Source,
+    cameras: &CamToCam,
+) -> SampleResult<FileRef> {
+    let path = layout::depth(DepthKind::Annotated, &job.id);
+    if let Some(kept) = files.kept(&path, from.changed())? {
+        return Ok(kept);
+    }
+    let depth_m = gray16(from, (cameras.width, cameras.height), |value| {
+        f32::from(value) / 256.0
+    })?;
+    let header = depth_header("kitti-depth/groundtruth", "camera-z", job, cameras);
+    files.put_depth(path, &depth_m, &header)
+}
+
+fn depth_header(source: &str, axis: &str, job: &Job, cameras: &CamToCam) -> DepthHeader {
+    DepthHeader {
+        source: source.to_owned(),
+        axis: axis.to_owned(),
+        focal_px: cameras.focal_px(),
+        baseline_m: cameras.baseline_m(),
+        frame: job.id.clone(),
+    }
+}
+
+/// Ground truth of a stereo 2015 disparity map, in metres of the nominal rig (PROTOCOL 3.4).
+fn disparity_depth(
+    files: &SetFiles<'_>,
+    job: &Job,
+    kind: DepthKind,
+    from: &Source,
+    size: (u32, u32),
+    focal_px: f64,
+) -> SampleResult<FileRef> {
+    let path = layout::depth(kind, &job.id);
+    if let Some(kept) = files.kept(&path, from.changed())? {
+        return Ok(kept);
+    }
+    let focal_px = nominal_focal_px(size.0).unwrap_or(focal_px);
+    // Disparity is stored times 256; 0 means no measurement.
+    let depth_m = gray16(from, size, |value| match value {
+        0 => 0.0,
+        value => {
+            let disparity_px = f64::from(value) / 256.0;
+            depth_from_disparity_px(focal_px, NOMINAL_BASELINE_M, disparity_px) as f32
+        }
+    })?;
+    let header = DepthHeader {
+        source: format!("kitti2015/disp_{}_0", kind.as_str()),
+        axis: "camera-z".to_owned(),
+        focal_px,
+        baseline_m: NOMINAL_BASELINE_M,
+        frame: job.id.clone(),
+    };
+    files.put_depth(path, &depth_m, &header)
+}
+
+/// Metres of a 16-bit map of the size of its image with at least one measurement.
+fn gray16(from: &Source, size: (u32, u32), depth_m: impl Fn(u16) -> f32) -> SampleResult<Plane> {
+    let bytes = from.read().map_err(|e| SampleError::input(from, e))?;
+    let (width, height, raw) = image_files::decode_gray16(&bytes, &from.to_string())
+        .map_err(|e| SampleError::input(from, e))?;
+    same_size(from, (width as u32, height as u32), size)?;
+    if raw.iter().all(|value| *value == 0) {
+        let problem = format!("{from} has no measured pixel");
+        return Err(SampleError::input(from, problem));
+    }
+    Ok(Plane {
+        width,
+        height,
+        data: raw.into_iter().map(depth_m).collect(),
+    })
+}
+
+/// A label image, copied as it is after a look at it.
+fn label(
+    files: &SetFiles<'_>,
+    job: &Job,
+    kind: LabelKind,
+    from: &Source,
+    size: (u32, u32),
+) -> SampleResult<FileRef> {
+    let path = layout::label(kind, &job.id);
+    if let Some(kept) = files.kept(&path, from.changed())? {
+        return Ok(kept);
+    }
+    let bytes = from.read().map_err(|e| SampleError::input(from, e))?;
+    let name = from.to_string();
+    let found = match kind {
+        LabelKind::Semantic => image_files::decode_gray8(&bytes, &name).map(|(w, h, _)| (w, h)),
+        LabelKind::Instance => image_files::decode_gray16(&bytes, &name).map(|(w, h, _)| (w, h)),
+    };
+    let (width, height) = found.map_err(|e| SampleError::input(from, e))?;
+    same_size(from, (width as u32, height as u32), size)?;
+    files.put(path, &bytes)
 }
 
 #[cfg(test)]
 mod tests {
-    use strat_store::files;
+    use std::sync::Arc;
+
+    use strat_store::files::write_atomic;
+    use strat_store::resize::Kernel;
     use strat_store::set::Content;
 
     use super::*;
+    use crate::set::settings::ImageOptions;
 
     #[test]
-    fn a_set_that_cannot_fit_is_not_begun() {
+    fn the_bytes_to_write_are_those_that_are_missing() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path();
+        let cameras = CamToCam {
+            width: 1242,
+            height: 375,
+            r_rect_00: [[0.0; 3]; 3],
+            p_rect_02: [[0.0; 4]; 3],
+            p_rect_03: [[0.0; 4]; 3],
+        };
+        let cameras = Arc::new(cameras);
+        let drive = strat_splits::drives()[0].id;
         let job = |index| {
-            let drive = strat_splits::drives()[0].id;
+            let frame = strat_splits::FrameId { drive, index };
             let source = Source::File(out.join("no file"));
             Job {
                 role: Role::Train,
-                id: FrameId { drive, index }.to_string(),
-                input: Input::Raw {
-                    frame: FrameId { drive, index },
+                id: frame.to_string(),
+                input: Input::Raw(RawInput {
                     left: source.clone(),
-                    right: source,
+                    right: Some(source),
+                    cameras: Arc::clone(&cameras),
                     scan: None,
                     annotated: None,
-                },
+                }),
             }
         };
         let mut inventory = Inventory::default();
         inventory.jobs.extend((0..1000).map(job));
-        let mut settings = Settings {
-            format: FORMAT,
-            content: Content::Kitti,
-            source: "kitti".to_owned(),
-            image_width: 512,
-            image_height: 256,
-            kernel: Kernel::Area,
-            codec: Codec::Png,
-        };
+        let mut settings = Settings::new(
+            Content::Kitti,
+            false,
+            ImageOptions {
+                width: 512,
+                height: 256,
+                kernel: Kernel::Area,
+                codec: Codec::Png,
+            },
+        );
         let png = bytes_to_write(out, &settings, &inventory, None);
         assert_eq!(png, 1000 * 2 * 196_608, "1.5 bytes a pixel");
-        let first = &inventory.jobs[0].id;
-        files::write_atomic(
-            &out.join(format!("images/{}.png", first.replace('/', "/left/"))),
-            b"",
-        )
-        .unwrap();
+        let first = layout::image(Content::Kitti, Side::Left, &inventory.jobs[0].id, "png");
+        write_atomic(&out.join(first), b"").unwrap();
         let rest = bytes_to_write(out, &settings, &inventory, None);
         assert_eq!(rest, 999 * 2 * 196_608, "what is there needs no room");
+        let shards = (0..3).map(|index| Shard { index, count: 3 });
+        let parts = shards.map(|shard| bytes_to_write(out, &settings, &inventory, Some(shard)));
+        assert_eq!(parts.sum::<u64>(), rest);
         settings.codec = Codec::Jpeg(92);
         let jpeg = bytes_to_write(out, &settings, &inventory, None);
         assert!(jpeg < png / 4, "{jpeg}");
-
-        (settings.image_width, settings.image_height) = (1_000_000, 1_000_000);
-        let error = check_space(out, &settings, &inventory, None).unwrap_err();
-        assert_eq!(error.exit_code(), 1);
-        let text = error.to_string();
-        assert!(text.contains("about 600.0 TB will be written"), "{text}");
     }
 }

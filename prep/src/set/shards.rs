@@ -2,7 +2,7 @@
 //!
 //! Every run gets the same inputs, options and output folder and a [`Shard`]. A sample belongs to
 //! a shard by the hash of its name alone, so the division is the same everywhere and stays the
-//! same while inputs are still arriving. Image and depth files go straight to their final places;
+//! same while inputs are still arriving. Image and depth files go straight to where they belong;
 //! of its tables a shard writes a part of its own, `parts/0003-of-0008/`, whose manifest comes
 //! last and marks the part as complete. [`merge`] checks that all parts are there and of one
 //! kind, and writes the tables of the whole, byte for byte those of a single run.
@@ -13,50 +13,22 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use strat_splits::{FrameId, Role, Split, test_ids, training, validation};
+use strat_store::files;
+use strat_store::layout::{FAILURES, FRAMES, SETTINGS};
 use strat_store::set::{Manifest, PreparedSet};
-pub use strat_store::shard::{PARTS, Shard};
-use strat_store::{files, yaml};
+use strat_store::shard::{PARTS, Shard};
 
+use super::results::{Failure, Order, Results, order};
+use super::settings::Settings;
+use super::writer::Report;
 use crate::error::{Error, Result};
-use crate::set::writer::{self as output, FAILURES, Failure, Places, Results, SETTINGS, Settings};
 
-/// File of a part that lists the frames of the whole: role and name, in order.
-const FRAMES: &str = "frames.csv";
-
-/// Writes the tables of one part; the returned set is that part.
-///
-/// Of a split everyone knows the samples and their order. Of other collections the part says them,
-/// `frames`, so that it can be seen that all parts are of one list.
-pub(crate) fn write_part<'a>(
-    out: &Path,
-    settings: &Settings,
-    shard: Shard,
-    frames: impl Iterator<Item = (Role, &'a str)>,
-    results: &Results,
-) -> Result<PreparedSet> {
-    let folder = shard.folder(out);
-    // An earlier manifest would call a half-written part complete.
-    files::remove(&folder)?;
-    files::check_writable(&folder)?;
-    if settings.content.split().is_none() {
-        files::write_atomic_with(&folder.join(FRAMES), |file| {
-            let mut table = csv::Writer::from_writer(file);
-            for frame in frames {
-                table.serialize(frame).map_err(std::io::Error::other)?;
-            }
-            table.flush()
-        })?;
-    }
-    results.write(&folder, settings)
-}
-
-/// Makes one set of the parts in `out` and removes them. Returns the set and what could not be
-/// used in any part.
+/// Makes one set of the parts in `out` and removes them.
 ///
 /// # Errors
 /// There are no parts, some are missing or incomplete (they are named, with what to run again),
 /// they do not belong together, or the tables cannot be written.
-pub fn merge(out: &Path) -> Result<(PreparedSet, Vec<Failure>)> {
+pub fn merge(out: &Path) -> Result<Report> {
     let wrong = |problem: String| Error::Output {
         path: out.to_owned(),
         problem,
@@ -67,7 +39,7 @@ pub fn merge(out: &Path) -> Result<(PreparedSet, Vec<Failure>)> {
              as --out"
         )));
     }
-    let settings: Settings = yaml::load(&out.join(SETTINGS))?;
+    let settings: Settings = Settings::load(out)?;
     let shards = Shard::found_in(out).map_err(&wrong)?;
     let Some(count) = shards.first().map(|shard| shard.count) else {
         return Err(wrong(if PreparedSet::open(out).is_ok() {
@@ -103,7 +75,12 @@ pub fn merge(out: &Path) -> Result<(PreparedSet, Vec<Failure>)> {
     let results = gather(&parts, &settings).map_err(&wrong)?;
     let set = results.write(out, &settings)?;
     files::remove(&out.join(PARTS))?;
-    Ok((set, results.failures))
+    Ok(Report {
+        set,
+        failures: results.failures,
+        written: 0,
+        kept: 0,
+    })
 }
 
 /// All complete parts and the shards whose part is not.
@@ -124,15 +101,11 @@ fn gather(
     parts: &[(Shard, PreparedSet)],
     settings: &Settings,
 ) -> std::result::Result<Results, String> {
-    let places = match settings.content.split() {
-        Some(split) => places_of_split(split),
-        None => places_of_list(parts)?,
+    let order = match settings.content.split() {
+        Some(split) => order_of_split(split),
+        None => order_of_list(parts)?,
     };
-    let mut results = Results {
-        expected: BTreeMap::new(),
-        samples: BTreeMap::new(),
-        failures: Vec::new(),
-    };
+    let mut results = Results::default();
     for (shard, part) in parts {
         let expected = belongs(*shard, &part.manifest, settings)?;
         if *shard == parts[0].0 {
@@ -145,7 +118,7 @@ fn gather(
         for role in Role::ALL {
             let samples = part.samples(role).map_err(|e| e.to_string())?;
             for sample in samples {
-                if !shard.has(&sample.id) || !places.contains_key(&(role, sample.id.clone())) {
+                if !shard.has(&sample.id) || !order.contains_key(&(role, sample.id.clone())) {
                     return Err(format!(
                         "part {shard} holds {role} sample {}, which does not belong to it",
                         sample.id
@@ -156,12 +129,12 @@ fn gather(
         }
         results.failures.extend(failures_of(part)?);
     }
-    results.sort(&places);
+    results.sort(&order);
     Ok(results)
 }
 
 /// Position of every sample in the order in which a single run goes through the split.
-fn places_of_split(split: Split) -> Places {
+fn order_of_split(split: Split) -> Order {
     let frames = |frames: Vec<FrameId>| frames.iter().map(FrameId::to_string).collect();
     let names: [(Role, Vec<String>); 3] = [
         (Role::Train, frames(training(split))),
@@ -171,14 +144,14 @@ fn places_of_split(split: Split) -> Places {
     let names = names
         .iter()
         .flat_map(|(role, ids)| ids.iter().map(|id| (*role, &**id)));
-    output::places(names)
+    order(names)
 }
 
 /// Position of every sample in the list that all parts were made from.
-fn places_of_list(parts: &[(Shard, PreparedSet)]) -> std::result::Result<Places, String> {
+fn order_of_list(parts: &[(Shard, PreparedSet)]) -> std::result::Result<Order, String> {
     let read = |part: &PreparedSet| files::read(&part.root.join(FRAMES)).map_err(|e| e.to_string());
     let Some((first, part)) = parts.first() else {
-        return Ok(Places::new());
+        return Ok(Order::new());
     };
     let list = read(part)?;
     for (shard, part) in parts {
@@ -194,9 +167,7 @@ fn places_of_list(parts: &[(Shard, PreparedSet)]) -> std::result::Result<Places,
         .from_reader(&*list);
     let names: std::result::Result<Vec<(Role, String)>, _> = table.deserialize().collect();
     let names = names.map_err(|e| format!("{FRAMES} of part {first} is damaged: {e}"))?;
-    Ok(output::places(
-        names.iter().map(|(role, id)| (*role, &**id)),
-    ))
+    Ok(order(names.iter().map(|(role, id)| (*role, &**id))))
 }
 
 /// Checks that a part was made with `settings` by this version; the samples it expects per role.

@@ -6,6 +6,10 @@
 use std::io;
 use std::path::Path;
 
+use strat_store::human;
+
+use crate::error::{Error, Result};
+
 /// Bytes that an ordinary user can still write below `path`. The nearest folder that exists is
 /// asked, so a folder still to be made gives the answer of the place where it will be.
 ///
@@ -17,24 +21,25 @@ pub fn free_bytes(path: &Path) -> io::Result<u64> {
     let there = there.unwrap_or(&absolute);
     // /proc and the like hold nothing; that is another trouble than a full disk.
     if fs4::total_space(there)? == 0 {
-        return Err(io::Error::other("this is no place for files"));
+        return Err(io::Error::other("no files can be kept here"));
     }
     fs4::available_space(there)
 }
 
-/// A size as people read it: `1.4 GB`, in powers of ten as disks are sold.
-pub fn human_bytes(bytes: u64) -> String {
-    let mut size = bytes as f64;
-    for unit in ["bytes", "kB", "MB", "GB"] {
-        if size < 1000.0 {
-            return match unit {
-                "bytes" => format!("{bytes} bytes"),
-                _ => format!("{size:.1} {unit}"),
-            };
-        }
-        size /= 1000.0;
+/// Makes sure that the disk has room for `needed` bytes below `out`.
+///
+/// # Errors
+/// It has not; the message says how much is needed and free.
+pub fn check_space(out: &Path, needed: u64) -> Result<()> {
+    match free_bytes(out) {
+        Ok(free) if free < needed => Err(Error::Space {
+            path: out.to_owned(),
+            needed: human::bytes(needed),
+            free: human::bytes(free),
+        }),
+        // A file system that does not tell is no reason to refuse.
+        _ => Ok(()),
     }
-    format!("{size:.1} TB")
 }
 
 #[cfg(test)]
@@ -57,10 +62,13 @@ mod tests {
     }
 
     #[test]
-    fn sizes_are_readable() {
-        assert_eq!(human_bytes(999), "999 bytes");
-        assert_eq!(human_bytes(1_400), "1.4 kB");
-        assert_eq!(human_bytes(15_250_000_000), "15.2 GB");
-        assert_eq!(human_bytes(2_000_000_000_000), "2.0 TB");
+    fn what_cannot_fit_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        check_space(folder.path(), 1).unwrap();
+        let error = check_space(folder.path(), 600_000_000_000_000_000).unwrap_err();
+        let text = error.to_string();
+        assert!(text.contains("about 600000.0 TB will be written"), "{text}");
+        let code = strat_store::command::exit_code(&strat_store::command::CliError::from(error));
+        assert_eq!(code, strat_store::command::FAILED);
     }
 }

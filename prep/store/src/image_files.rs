@@ -14,6 +14,9 @@ use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use crate::error::{Error, Result};
 use crate::files;
 
+/// Quality of JPEG where none is asked for.
+pub const DEFAULT_QUALITY: u8 = 92;
+
 /// How network-size images are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Codec {
@@ -24,8 +27,8 @@ pub enum Codec {
 }
 
 impl Codec {
-    /// Ending of file names.
-    pub fn ending(self) -> &'static str {
+    /// Extension of file names.
+    pub fn extension(self) -> &'static str {
         match self {
             Self::Png => "png",
             Self::Jpeg(_) => "jpg",

@@ -2,7 +2,7 @@
 //! atomic writes.
 //!
 //! `prep` writes a prepared set, `train` and `bench` read it; this crate alone owns its
-//! format ([`set`]). The parts it is made of can be used one by one: [`image_files`] and
+//! format ([`set`], [`layout`]). The parts it is made of can be used one by one: [`image_files`] and
 //! [`resize`] for pictures, [`exr`] for depth, [`npy`] for NumPy's arrays, [`files`] for writing,
 //! [`yaml`] for configuration. [`command`] (exit codes, errors, printing), [`progress`], [`human`],
 //! [`threads`], [`shard`] and [`spread`] are what the three commands do alike. It knows nothing
@@ -14,6 +14,7 @@ pub mod exr;
 pub mod files;
 pub mod human;
 pub mod image_files;
+pub mod layout;
 pub mod npy;
 pub mod progress;
 pub mod raster;

@@ -1,142 +1,22 @@
-//! A user's own rectified stereo pairs as a prepared set.
-//!
-//! One CSV file names them: `left`, `right`, `focal_px` (pixels of the left image) and `baseline_m`
-//! (metres) are required; `id`, `split` and one of `depth` and `disparity` with `depth_scale` are
-//! optional. Ground truth may be a 16-bit PNG, `.npy` or `.exr`; it becomes depth in metres along
-//! the optical axis at the image's own size. Pairs that are not rectified are not recognised.
+//! The list of a user's pairs: a CSV file with named columns.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Component, Path};
 
-use strat_geometry::depth_from_disparity_px;
 use strat_splits::Role;
-use strat_store::exr::{self, DepthHeader};
-use strat_store::raster::Plane;
-use strat_store::set::{Content, FileRef, Sample};
-use strat_store::{files, image_files, npy};
 
-use crate::cli;
-use crate::collections::{self as workshop, Frame, Options, Piece, Stop, Workshop};
-use crate::error::{Error, Result};
-use crate::kitti::samples::Failure;
+use crate::collections::check_id;
 
 const REQUIRED: [&str; 4] = ["left", "right", "focal_px", "baseline_m"];
 const OPTIONAL: [&str; 5] = ["id", "split", "depth", "disparity", "depth_scale"];
 
-/// Values of 16-bit PNG per metre or pixel, as KITTI stores them.
-const PNG_SCALE: f64 = 256.0;
-
-/// Arguments of `prep pairs`.
-#[derive(Debug, clap::Args)]
-#[command(after_help = "\
-Columns of the CSV, which begins with their names; files are looked for from its folder:
-  left, right    rectified images, PNG or JPEG
-  focal_px       focal length in pixels of the left image
-  baseline_m     distance in metres between the cameras
-  id             name of the pair [default: the path of the left image without its ending]
-  split          train, val or test [default: drawn by --val-share and --test-share]
-  depth          ground truth in metres: 16-bit .png (metres times 256), .npy or .exr
-  disparity      ground truth in pixels of the left image instead, in the same kinds of files
-  depth_scale    what the values of that file are divided by [default: 256 for .png, else 1]
-
-Which pairs are drawn depends on their ids alone, so more rows move none of the earlier ones.
-Frames of one video look alike: give them one role with the column split.
-
-Example:
-  prep pairs --csv pairs.csv --out sets/own")]
-pub(crate) struct Args {
-    /// The list of pairs.
-    #[arg(long, value_name = "FILE")]
-    csv: PathBuf,
-    /// Share of the pairs drawn for validation, if there is no column `split`.
-    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = parse_share)]
-    val_share: f64,
-    /// Share of the pairs drawn for testing, if there is no column `split`.
-    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = parse_share)]
-    test_share: f64,
-    #[command(flatten)]
-    options: Options,
-}
-
-fn parse_share(text: &str) -> std::result::Result<f64, String> {
-    let share = text
-        .parse()
-        .ok()
-        .filter(|share| (0.0..=1.0).contains(share));
-    share.ok_or_else(|| "give a share from 0 to 1".to_owned())
-}
-
-/// Prepares the set and returns the exit code.
-pub(crate) fn run(args: &Args) -> Result<u8> {
-    let wrong = |problem: String| Error::Input {
-        option: "--csv",
-        path: args.csv.clone(),
-        problem,
-    };
-    let shares = Shares {
-        val: args.val_share,
-        test: args.test_share,
-    };
-    if shares.val + shares.test > 1.0 {
-        return Err(Error::Usage(
-            "--val-share and --test-share are more than 1 together".to_owned(),
-        ));
-    }
-    let bytes = files::read(&args.csv).map_err(|e| wrong(e.to_string()))?;
-    let table = parse(&bytes, shares).map_err(wrong)?;
-    let folder = args.csv.parent().unwrap_or(Path::new(""));
-
-    let mut expected = BTreeMap::new();
-    let roles = table.rows.iter().map(|row| Some(row.role));
-    for role in roles.chain(table.bad.iter().map(|bad| bad.role)).flatten() {
-        *expected.entry(role).or_default() += 1;
-    }
-    let failures: Vec<_> = table
-        .bad
-        .into_iter()
-        .map(|bad| Failure {
-            role: bad.role,
-            id: bad.id,
-            file: args.csv.display().to_string(),
-            problem: format!("{}, line {}: {}", args.csv.display(), bad.line, bad.problem),
-        })
-        .collect();
-    if table.rows.is_empty() {
-        return Err(wrong(match failures.first() {
-            Some(first) => format!("no row can be used; the first: {}", first.problem),
-            None => "it has no rows".to_owned(),
-        }));
-    }
-    let frames: Vec<_> = table
-        .rows
-        .into_iter()
-        .map(|row| Frame {
-            role: row.role,
-            id: row.id.clone(),
-            input: row,
-        })
-        .collect();
-    let report = workshop::build(
-        Content::Pairs,
-        &args.options,
-        &[],
-        &expected,
-        &frames,
-        failures,
-        |workshop, frame| make(workshop, folder, &args.csv, frame),
-    )?;
-    Ok(cli::conclude(
-        &args.options.out,
-        args.options.shard,
-        &report,
-    ))
-}
-
-/// How pairs are drawn.
-#[derive(Debug, Clone, Copy)]
-struct Shares {
-    val: f64,
-    test: f64,
+/// Shares of the pairs that are drawn where the list does not say their role; the rest is for training.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shares {
+    /// For validation.
+    pub val: f64,
+    /// For testing.
+    pub test: f64,
 }
 
 impl Shares {
@@ -158,48 +38,49 @@ impl Shares {
 
 /// A usable row.
 #[derive(Debug, Clone, PartialEq)]
-struct Row {
-    id: String,
-    role: Role,
+pub struct Row {
+    pub id: String,
+    pub role: Role,
     /// As written.
-    left: String,
+    pub left: String,
     /// As written.
-    right: String,
-    focal_px: f64,
-    baseline_m: f64,
-    truth: Option<Truth>,
+    pub right: String,
+    pub focal_px: f64,
+    pub baseline_m: f64,
+    pub truth: Option<Truth>,
 }
 
 /// Ground truth of a row.
 #[derive(Debug, Clone, PartialEq)]
-struct Truth {
+pub struct Truth {
     /// As written.
-    file: String,
-    is_disparity: bool,
-    scale: Option<f64>,
+    pub file: String,
+    pub is_disparity: bool,
+    pub scale: Option<f64>,
 }
 
 /// A row that cannot be used.
 #[derive(Debug, PartialEq)]
-struct BadRow {
-    line: u64,
+pub struct BadRow {
+    pub line: u64,
     /// As far as they are known.
-    id: String,
-    role: Option<Role>,
-    problem: String,
+    pub id: String,
+    pub role: Option<Role>,
+    pub problem: String,
 }
 
+/// The rows of a list.
 #[derive(Debug, Default)]
-struct Table {
-    rows: Vec<Row>,
-    bad: Vec<BadRow>,
+pub struct Table {
+    pub rows: Vec<Row>,
+    pub bad: Vec<BadRow>,
 }
 
 /// Which column is where.
 struct Columns(BTreeMap<&'static str, usize>);
 
 impl Columns {
-    fn parse(header: &csv::ByteRecord) -> std::result::Result<Self, String> {
+    fn parse(header: &csv::ByteRecord) -> Result<Self, String> {
         let mut columns = BTreeMap::new();
         for (at, name) in header.iter().enumerate() {
             let name = String::from_utf8_lossy(name);
@@ -251,7 +132,7 @@ impl Columns {
 }
 
 /// Reads the list. A bad header is an error, a bad row is not.
-fn parse(bytes: &[u8], shares: Shares) -> std::result::Result<Table, String> {
+pub fn parse(bytes: &[u8], shares: Shares) -> Result<Table, String> {
     // Spreadsheets begin their files with a byte order mark.
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut reader = csv::ReaderBuilder::new()
@@ -298,7 +179,7 @@ fn parse_row(
     columns: &Columns,
     shares: Shares,
     known: &mut BadRow,
-) -> std::result::Result<Row, String> {
+) -> Result<Row, String> {
     if record.len() != expected {
         return Err(format!(
             "it has {} fields, but there are {expected} columns",
@@ -331,7 +212,7 @@ fn parse_row(
         "" => id_of(&left),
         id => id.to_owned(),
     };
-    workshop::check_id(&id)?;
+    check_id(&id)?;
     known.id.clone_from(&id);
     let role = match columns.0.contains_key("split") {
         true => {
@@ -377,118 +258,6 @@ fn id_of(left: &str) -> String {
         _ => None,
     });
     parts.collect::<Vec<_>>().join("/")
-}
-
-fn make(workshop: &Workshop<'_>, folder: &Path, csv: &Path, frame: &Frame<Row>) -> Piece<Sample> {
-    let row = &frame.input;
-    let (left, right) = (folder.join(&row.left), folder.join(&row.right));
-    let keep_full = row.role == Role::Test;
-    let left_picture = workshop.picture("left", &row.id, &left, None, keep_full)?;
-    let right_picture = workshop.picture("right", &row.id, &right, None, false)?;
-    let size = left_picture.size;
-    same_size(&right, right_picture.size, size)?;
-    let depth = match &row.truth {
-        Some(truth) => Some(ground_truth(workshop, folder, csv, row, truth, size)?),
-        None => None,
-    };
-    Ok(Sample {
-        right: Some(right_picture.small),
-        left_full: left_picture.full,
-        depth_camera: depth,
-        ..Sample::new(
-            &row.id,
-            size,
-            row.focal_px,
-            row.baseline_m,
-            left_picture.small,
-        )
-    })
-}
-
-fn ground_truth(
-    workshop: &Workshop<'_>,
-    folder: &Path,
-    csv: &Path,
-    row: &Row,
-    truth: &Truth,
-    size: (u32, u32),
-) -> Piece<FileRef> {
-    let path = format!("depth/camera/{}.exr", row.id);
-    let file = folder.join(&truth.file);
-    // Its metres depend on the numbers of the row as much as on the file.
-    let changed = workshop::changed(&file).max(workshop::changed(csv));
-    if let Some(kept) = workshop.files.kept(&path, changed)? {
-        return Ok(kept);
-    }
-    let bytes = files::read(&file).map_err(|e| Stop::path(&file, e))?;
-    let ending = workshop::ending(&file).unwrap_or_default();
-    let (width, height, mut values) =
-        decode_truth(&bytes, &ending).map_err(|problem| Stop::about(&file, problem))?;
-    same_size(&file, (width as u32, height as u32), size)?;
-    let scale = match ending.as_str() {
-        "png" => PNG_SCALE,
-        _ => 1.0,
-    };
-    let scale = truth.scale.unwrap_or(scale);
-    for value in &mut values {
-        *value /= scale;
-        if truth.is_disparity && *value > 0.0 {
-            *value = depth_from_disparity_px(row.focal_px, row.baseline_m, *value);
-        }
-    }
-    let data: Vec<f32> = values.into_iter().map(workshop::measured).collect();
-    if data.iter().all(|depth_m| *depth_m == 0.0) {
-        return Err(Stop::about(&file, "it has no measured pixel"));
-    }
-    let header = DepthHeader {
-        source: format!(
-            "pairs/{}",
-            if truth.is_disparity {
-                "disparity"
-            } else {
-                "depth"
-            }
-        ),
-        axis: "camera-z".to_owned(),
-        focal_px: row.focal_px,
-        baseline_m: row.baseline_m,
-        frame: row.id.clone(),
-    };
-    let plane = Plane {
-        width,
-        height,
-        data,
-    };
-    workshop.files.put_depth(path, &plane, &header)
-}
-
-/// Width, height and values of a ground truth file of this ending, not yet scaled.
-fn decode_truth(bytes: &[u8], ending: &str) -> std::result::Result<npy::Array, String> {
-    match ending {
-        "png" => {
-            let (width, height, values) =
-                image_files::decode_gray16(bytes, "this PNG").map_err(|e| e.to_string())?;
-            Ok((width, height, values.into_iter().map(f64::from).collect()))
-        }
-        "npy" => npy::decode(bytes),
-        "exr" => {
-            let plane = exr::decode_channel(bytes)?;
-            let values = plane.data.into_iter().map(f64::from);
-            Ok((plane.width, plane.height, values.collect()))
-        }
-        _ => Err("ground truth is read from .png (16-bit), .npy and .exr files".to_owned()),
-    }
-}
-
-fn same_size(file: &Path, found: (u32, u32), image: (u32, u32)) -> Piece<()> {
-    if found == image {
-        return Ok(());
-    }
-    let ((w, h), (iw, ih)) = (found, image);
-    Err(Stop::about(
-        file,
-        format!("it is {w}x{h}, but its left image is {iw}x{ih}"),
-    ))
 }
 
 #[cfg(test)]
@@ -645,7 +414,7 @@ mod tests {
             let text = format!("left,right,focal_px,baseline_m,id\n{rows}");
             let table = parse(text.as_bytes(), SHARES).unwrap();
             for row in table.rows {
-                prop_assert!(workshop::check_id(&row.id).is_ok());
+                prop_assert!(check_id(&row.id).is_ok());
             }
         }
     }

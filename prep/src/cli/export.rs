@@ -1,0 +1,113 @@
+//! `prep export`.
+
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+use strat_splits::Role;
+use strat_store::command::{CliError, DONE, FAILED, eprint_line, print_line};
+use strat_store::layout::DepthKind;
+use strat_store::set::PreparedSet;
+
+use super::args::parse_role;
+use crate::export;
+
+/// Arguments of `prep export`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  prep export sets/eigen --kind velodyne --format npz --out gt      gt/test-velodyne.npz
+  prep export sets/own --format png16 --role val --out gt          gt/<id>.png, metres times 256")]
+pub(super) struct ExportArgs {
+    /// A prepared set.
+    #[arg(value_name = "SET")]
+    set: PathBuf,
+    /// Folder to write to; files of the same names are replaced.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// What is written.
+    #[arg(long, value_enum)]
+    format: Format,
+    /// The samples.
+    #[arg(long, value_name = "ROLE", value_parser = parse_role, default_value = "test")]
+    role: Role,
+    /// The ground truth [default: the only one these samples have].
+    #[arg(long, value_enum)]
+    kind: Option<Kind>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Format {
+    /// One NumPy archive of all frames.
+    Npz,
+    /// A 16-bit picture per frame, metres times 256.
+    Png16,
+    /// A NumPy file per frame.
+    Npy,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Kind {
+    /// Scan, along the scanner's x axis.
+    Velodyne,
+    /// Along the optical axis: scan, or ground truth of own pairs.
+    Camera,
+    /// Stereo 2015, pixels visible in both images.
+    Noc,
+    /// Stereo 2015, all measured pixels.
+    Occ,
+    /// Annotated depth of KITTI depth.
+    Annotated,
+    /// Laser grid of Make3D.
+    Laser,
+}
+
+impl From<Format> for export::Format {
+    fn from(format: Format) -> Self {
+        match format {
+            Format::Npz => Self::Npz,
+            Format::Png16 => Self::Png16,
+            Format::Npy => Self::Npy,
+        }
+    }
+}
+
+impl From<Kind> for DepthKind {
+    fn from(kind: Kind) -> Self {
+        match kind {
+            Kind::Velodyne => Self::Velodyne,
+            Kind::Camera => Self::Camera,
+            Kind::Noc => Self::Noc,
+            Kind::Occ => Self::Occ,
+            Kind::Annotated => Self::Annotated,
+            Kind::Laser => Self::Laser,
+        }
+    }
+}
+
+pub(super) fn export(args: &ExportArgs) -> Result<u8, CliError> {
+    let set = PreparedSet::open(&args.set)?;
+    let (role, kind) = (args.role, args.kind.map(DepthKind::from));
+    let done = export::export(&set, role, kind, args.format.into(), &args.out)?;
+    for problem in &done.failed {
+        eprint_line(format_args!("error: {problem}"));
+    }
+    let kind = done.kind.as_str();
+    print_line(format_args!(
+        "{} {role} frames of {kind} ground truth: {}",
+        done.frames,
+        done.target.display()
+    ))?;
+    if done.without > 0 {
+        eprint_line(format_args!(
+            "{} {role} samples have no {kind} ground truth and were left out",
+            done.without
+        ));
+    }
+    if done.clipped > 0 {
+        eprint_line(format_args!(
+            "{} pixels are beyond 255.996 m, the most that 16 bits hold, and were written as that",
+            done.clipped
+        ));
+    }
+    Ok(if done.failed.is_empty() { DONE } else { FAILED })
+}

@@ -1,0 +1,191 @@
+//! A user's own rectified stereo pairs as a prepared set.
+//!
+//! One CSV file names them ([`list`]): `left`, `right`, `focal_px` (pixels of the left image) and
+//! `baseline_m` (metres) are required; `id`, `split` and one of `depth` and `disparity` with
+//! `depth_scale` are optional. Ground truth may be a 16-bit PNG, `.npy` or `.exr`; it becomes depth in
+//! metres along the optical axis at the image's own size. Pairs that are not rectified are not
+//! recognised.
+
+mod list;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::SystemTime;
+
+use strat_geometry::depth_from_disparity_px;
+use strat_splits::Role;
+use strat_store::exr::{self, DepthHeader};
+use strat_store::layout::{self, DepthKind, Side};
+use strat_store::raster::Plane;
+use strat_store::set::{Content, FileRef, Sample};
+use strat_store::{files, image_files, npy};
+
+pub use self::list::Shares;
+use self::list::{Row, Table, Truth};
+use super::{Frames, build, measured};
+use crate::error::{Error, Result};
+use crate::input::source::Source;
+use crate::set::files::SetFiles;
+use crate::set::results::Failure;
+use crate::set::sample::{Frame, SampleError, SampleResult, same_size};
+use crate::set::writer::{Report, SetOptions};
+
+/// Values of 16-bit PNG per metre or pixel, as KITTI stores them.
+const PNG_SCALE: f64 = 256.0;
+
+/// A pair with its files.
+struct Pair {
+    left: Source,
+    right: Source,
+    /// Its ground truth, and what is in the file.
+    truth: Option<(Source, Truth)>,
+    focal_px: f64,
+    baseline_m: f64,
+    /// When the list was written or put into its place.
+    list_changed: Option<SystemTime>,
+}
+
+/// Makes the set of the pairs in a list; their files are looked for from its folder.
+///
+/// # Errors
+/// The list cannot be used, or the set not be written.
+pub fn prepare(csv: &Path, shares: Shares, options: &SetOptions) -> Result<Report> {
+    let wrong = |problem: String| Error::Input {
+        option: "--csv",
+        path: csv.to_owned(),
+        problem,
+    };
+    let bytes = files::read(csv).map_err(|e| wrong(e.to_string()))?;
+    let table = list::parse(&bytes, shares).map_err(wrong)?;
+    let frames = frames(csv, table);
+    if frames.frames.is_empty() {
+        return Err(wrong(match frames.failures.first() {
+            Some(first) => format!("no row can be used; the first: {}", first.problem),
+            None => "it has no rows".to_owned(),
+        }));
+    }
+    build(Content::Pairs, options, &[], frames, make)
+}
+
+fn frames(csv: &Path, table: Table) -> Frames<Pair> {
+    let mut expected = BTreeMap::new();
+    let roles = table.rows.iter().map(|row| Some(row.role));
+    for role in roles.chain(table.bad.iter().map(|bad| bad.role)).flatten() {
+        *expected.entry(role).or_default() += 1;
+    }
+    let failures = table.bad.into_iter().map(|bad| Failure {
+        role: bad.role,
+        id: bad.id,
+        file: csv.display().to_string(),
+        problem: format!("{}, line {}: {}", csv.display(), bad.line, bad.problem),
+    });
+    let folder = csv.parent().unwrap_or(Path::new(""));
+    let file = |name: &str| Source::File(folder.join(name));
+    let list_changed = Source::File(csv.to_owned()).changed();
+    let frame = |row: Row| Frame {
+        role: row.role,
+        id: row.id,
+        input: Pair {
+            left: file(&row.left),
+            right: file(&row.right),
+            truth: row.truth.map(|truth| (file(&truth.file), truth)),
+            focal_px: row.focal_px,
+            baseline_m: row.baseline_m,
+            list_changed,
+        },
+    };
+    Frames {
+        frames: table.rows.into_iter().map(frame).collect(),
+        failures: failures.collect(),
+        expected,
+    }
+}
+
+fn make(files: &SetFiles<'_>, frame: &Frame<Pair>) -> SampleResult<Sample> {
+    let Frame { role, id, input } = frame;
+    let keep_full = *role == Role::Test;
+    let left = files.picture(Side::Left, id, &input.left, None, keep_full)?;
+    let right = files.picture(Side::Right, id, &input.right, None, false)?;
+    same_size(&input.right, right.size, left.size)?;
+    let depth = match &input.truth {
+        Some((from, truth)) => Some(ground_truth(files, id, input, from, truth, left.size)?),
+        None => None,
+    };
+    Ok(Sample {
+        right: Some(right.small),
+        left_full: left.full,
+        depth_camera: depth,
+        ..Sample::new(id, left.size, input.focal_px, input.baseline_m, left.small)
+    })
+}
+
+fn ground_truth(
+    files: &SetFiles<'_>,
+    id: &str,
+    pair: &Pair,
+    from: &Source,
+    truth: &Truth,
+    size: (u32, u32),
+) -> SampleResult<FileRef> {
+    let path = layout::depth(DepthKind::Camera, id);
+    // Its metres depend on the numbers of the row as much as on the file.
+    let changed = from.changed().max(pair.list_changed);
+    if let Some(kept) = files.kept(&path, changed)? {
+        return Ok(kept);
+    }
+    let bytes = from.read().map_err(|e| SampleError::input(from, e))?;
+    let extension = from.extension();
+    let (width, height, mut values) =
+        decode_truth(&bytes, &extension).map_err(|problem| SampleError::about(from, problem))?;
+    same_size(from, (width as u32, height as u32), size)?;
+    let scale = truth.scale.unwrap_or(match &*extension {
+        "png" => PNG_SCALE,
+        _ => 1.0,
+    });
+    for value in &mut values {
+        *value /= scale;
+        if truth.is_disparity && *value > 0.0 {
+            *value = depth_from_disparity_px(pair.focal_px, pair.baseline_m, *value);
+        }
+    }
+    let data: Vec<f32> = values.into_iter().map(measured).collect();
+    if data.iter().all(|depth_m| *depth_m == 0.0) {
+        return Err(SampleError::about(from, "it has no measured pixel"));
+    }
+    let kind = if truth.is_disparity {
+        "disparity"
+    } else {
+        "depth"
+    };
+    let header = DepthHeader {
+        source: format!("pairs/{kind}"),
+        axis: "camera-z".to_owned(),
+        focal_px: pair.focal_px,
+        baseline_m: pair.baseline_m,
+        frame: id.to_owned(),
+    };
+    let plane = Plane {
+        width,
+        height,
+        data,
+    };
+    files.put_depth(path, &plane, &header)
+}
+
+/// Width, height and values of a ground truth file of this ending, not yet scaled.
+fn decode_truth(bytes: &[u8], ending: &str) -> std::result::Result<npy::Array, String> {
+    match ending {
+        "png" => {
+            let (width, height, values) =
+                image_files::decode_gray16(bytes, "this PNG").map_err(|e| e.to_string())?;
+            Ok((width, height, values.into_iter().map(f64::from).collect()))
+        }
+        "npy" => npy::decode(bytes),
+        "exr" => {
+            let plane = exr::decode_channel(bytes)?;
+            let values = plane.data.into_iter().map(f64::from);
+            Ok((plane.width, plane.height, values.collect()))
+        }
+        _ => Err("ground truth is read from .png (16-bit), .npy and .exr files".to_owned()),
+    }
+}
