@@ -4,10 +4,19 @@
 //! lossless. Unit, source and camera stand in the header, so that a file means something
 //! on its own.
 
+use std::collections::HashMap;
 use std::io::Cursor;
+use std::iter::once;
 use std::path::Path;
 
-use exr::prelude::*;
+use exr::block::writer::ChunksWriter;
+use exr::block::{self, UncompressedBlock};
+use exr::compression::Compression;
+use exr::math::Vec2;
+use exr::meta::BlockDescription;
+use exr::meta::attribute::{AttributeValue, ChannelDescription, LineOrder, SampleType, Text};
+use exr::meta::header::{Header, LayerAttributes};
+use exr::prelude::f16;
 
 use crate::error::{Error, Result};
 use crate::files;
@@ -80,29 +89,21 @@ pub fn decode_depth(bytes: &[u8], path: &Path) -> Result<(Plane, DepthHeader)> {
 }
 
 /// The channel `Y`, or the only one there is, of any flat EXR file: whatever its pixel type, its
-/// attributes and the program that wrote it.
+/// attributes and the program that wrote it. The plane is the file's display window; pixels without
+/// data, as of a crop, are 0.
 ///
 /// # Errors
 /// The bytes are truncated or no EXR, or several channels leave open which is meant.
 pub fn decode_channel(bytes: &[u8]) -> std::result::Result<Plane, String> {
-    let layer = first_layer(bytes, |other| format!("it is no usable EXR file: {other}"))?;
-    let channels = &layer.channel_data.list;
-    let channel = match channels.as_slice() {
-        [only] => only,
-        several => several
-            .iter()
-            .find(|channel| channel.name.eq(CHANNEL))
-            .ok_or_else(|| {
-                let names: Vec<_> = several.iter().map(|c| c.name.to_string()).collect();
-                format!(
-                    "its channels are {}; one should be called `{CHANNEL}` or be the only one",
-                    names.join(", ")
-                )
-            })?,
-    };
-    let data = channel.sample_data.values_as_f32().collect();
-    Plane::new(layer.size.x(), layer.size.y(), data)
-        .ok_or_else(|| "its size contradicts its data".to_owned())
+    let channel = read_channel(bytes, |channels| match channels {
+        [only] => Ok(only.clone()),
+        several if several.iter().any(|name| name == CHANNEL) => Ok(CHANNEL.to_owned()),
+        several => Err(format!(
+            "its channels are {}; one should be called `{CHANNEL}` or be the only one",
+            several.join(", ")
+        )),
+    })?;
+    Ok(channel.plane)
 }
 
 fn encode(depth_m: &Plane, header: &DepthHeader) -> std::result::Result<Vec<u8>, String> {
@@ -127,25 +128,40 @@ fn encode(depth_m: &Plane, header: &DepthHeader) -> std::result::Result<Vec<u8>,
     ] {
         attributes.other.insert(Text::from(key), value);
     }
-    let channels = SpecificChannels::build()
-        .with_channel::<f32>(CHANNEL)
-        .with_pixel_fn(|at: Vec2<usize>| (depth_m.data[at.y() * width + at.x()],));
-    let encoding = Encoding {
-        compression: Compression::ZIP16,
-        blocks: Blocks::ScanLines,
-        line_order: LineOrder::Increasing,
-    };
-    let image = Image::from_layer(Layer::new((width, height), attributes, encoding, channels));
-    let mut bytes = Cursor::new(Vec::new());
-    // Frames are written by many threads; a pool per file would only get in their way.
-    image
-        .write()
-        .non_parallel()
-        .to_buffered(&mut bytes)
-        .map_err(|e| e.to_string())?;
-    let mut bytes = bytes.into_inner();
+    let mut bytes = write_channel(depth_m, attributes).map_err(|e| e.to_string())?;
     sort_attributes(&mut bytes).ok_or("its header was written in an unknown layout")?;
     Ok(bytes)
+}
+
+/// A file of one 32-bit channel, block by block: the encoder's interface for whole images is compiled
+/// anew for every way of giving the pixels.
+fn write_channel(plane: &Plane, attributes: LayerAttributes) -> exr::error::Result<Vec<u8>> {
+    let size = Vec2(plane.width, plane.height);
+    let channel = ChannelDescription::named(CHANNEL, SampleType::F32);
+    let header = Header::new(Text::from(""), size, once(channel).collect())
+        .with_attributes(attributes)
+        .with_encoding(
+            Compression::ZIP16,
+            BlockDescription::ScanLines,
+            LineOrder::Increasing,
+        );
+    let mut bytes = Cursor::new(Vec::new());
+    block::write(&mut bytes, once(header).collect(), true, |meta, chunks| {
+        for (number, index) in block::enumerate_ordered_header_block_indices(&meta.headers) {
+            let first = index.pixel_position.y() * plane.width;
+            let values = &plane.data[first..first + index.pixel_size.area()];
+            let block = UncompressedBlock {
+                index,
+                data: values
+                    .iter()
+                    .flat_map(|value| value.to_ne_bytes())
+                    .collect(),
+            };
+            chunks.write_chunk(number, block.compress_to_chunk(&meta.headers)?)?;
+        }
+        Ok(())
+    })?;
+    Ok(bytes.into_inner())
 }
 
 /// Puts the attributes of the header in the order of their names. The encoder takes ours
@@ -174,49 +190,145 @@ fn sort_attributes(bytes: &mut [u8]) -> Option<()> {
     Some(())
 }
 
-/// All channels of the first layer; `describe` puts into words what is neither read nor truncated.
-fn first_layer(
+/// A channel of the first flat layer of a file.
+struct Channel {
+    /// The display window.
+    plane: Plane,
+    is_f32: bool,
+    /// The attributes of the layer that the format itself does not define.
+    attributes: HashMap<Text, AttributeValue>,
+}
+
+/// Reads the channel that `choose` picks from the names of all.
+fn read_channel(
     bytes: &[u8],
-    describe: impl FnOnce(exr::error::Error) -> String,
-) -> std::result::Result<Layer<AnyChannels<FlatSamples>>, String> {
-    let in_words = |error| match error {
+    choose: impl FnOnce(&[String]) -> std::result::Result<String, String>,
+) -> std::result::Result<Channel, String> {
+    let in_words = |error: exr::error::Error| match error {
         exr::error::Error::Io(_) => format!("it is truncated ({} bytes)", bytes.len()),
-        other => describe(other),
+        other => format!("it is no usable EXR file: {other}"),
     };
-    // The decoder makes room for what the header promises before it has seen any of it.
-    let headers = match MetaData::read_from_buffered(Cursor::new(bytes), false) {
-        Ok(metadata) => metadata.headers,
-        Err(error) => return Err(in_words(error)),
-    };
-    for header in &headers {
-        let (width, height) = (header.layer_size.x(), header.layer_size.y());
+    let reader = block::read(Cursor::new(bytes), false).map_err(in_words)?;
+    let meta = reader.meta_data().clone();
+    for header in &meta.headers {
+        check_promise(header, bytes.len())?;
+    }
+    let mut layers = meta.headers.iter().enumerate();
+    let (layer, header) = layers
+        .find(|(_, header)| !header.deep)
+        .ok_or("it holds deep data only")?;
+    let channels = &header.channels.list;
+    let names: Vec<_> = channels.iter().map(|c| c.name.to_string()).collect();
+    let chosen = choose(&names)?;
+    let (number, channel) = (names.iter().position(|name| *name == chosen))
+        .and_then(|number| Some((number, channels.get(number)?)))
+        .ok_or_else(|| format!("it has no channel `{chosen}`"))?;
+    if channels
+        .iter()
+        .any(|channel| channel.sampling != Vec2(1, 1))
+    {
+        return Err("some of its channels are subsampled".to_owned());
+    }
+    let mut window = Window::new(header);
+    for chunk in reader.all_chunks(false).map_err(in_words)? {
+        let chunk = chunk.map_err(in_words)?;
+        if chunk.layer_index != layer {
+            continue;
+        }
+        let block = UncompressedBlock::decompress_chunk(chunk, &meta, false).map_err(in_words)?;
+        if block.index.level != Vec2(0, 0) {
+            continue;
+        }
+        let lines = block.lines(&header.channels);
+        for line in lines.filter(|line| line.location.channel == number) {
+            let Vec2(column, row) = line.location.position;
+            window.place(column, row, samples(channel.sample_type, line.value));
+        }
+    }
+    Ok(Channel {
+        plane: window.plane,
+        is_f32: channel.sample_type == SampleType::F32,
+        attributes: header.own_attributes.other.clone(),
+    })
+}
+
+/// Refuses a header that promises more than the file can hold: room is made for what it promises.
+fn check_promise(header: &Header, file_bytes: usize) -> std::result::Result<(), String> {
+    let possible = ALWAYS_DECODED.max(file_bytes.saturating_mul(STRONGEST_COMPRESSION));
+    let display = header.shared_attributes.display_window.size;
+    for Vec2(width, height) in [header.layer_size, display] {
         let decoded = width
             .checked_mul(height)
-            .and_then(|pixels| pixels.checked_mul(header.channels.bytes_per_pixel));
-        let possible = ALWAYS_DECODED.max(bytes.len().saturating_mul(STRONGEST_COMPRESSION));
+            .and_then(|pixels| pixels.checked_mul(header.channels.bytes_per_pixel.max(4)));
         if decoded.is_none_or(|decoded| decoded > possible) {
             return Err(format!(
-                "its header promises {width} x {height} pixels, more than its {} bytes can hold",
-                bytes.len()
+                "its header promises {width} x {height} pixels, more than its {file_bytes} bytes can hold"
             ));
         }
     }
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(in_words)?;
-    Ok(image.layer_data)
+    Ok(())
+}
+
+/// The display window of a file: what a viewer shows. The data window, of which there are values, may
+/// be a part of it, as of a crop, or reach beyond.
+struct Window {
+    plane: Plane,
+    /// Column and row of the first value.
+    left: i64,
+    top: i64,
+}
+
+impl Window {
+    fn new(header: &Header) -> Self {
+        let display = header.shared_attributes.display_window;
+        let data = header.own_attributes.layer_position;
+        Self {
+            plane: Plane::filled(display.size.width(), display.size.height(), 0.0),
+            left: i64::from(data.x()) - i64::from(display.position.x()),
+            top: i64::from(data.y()) - i64::from(display.position.y()),
+        }
+    }
+
+    /// Takes values of a row of the data window.
+    fn place(&mut self, column: usize, row: usize, values: impl Iterator<Item = f32>) {
+        let Plane {
+            width,
+            height,
+            data,
+        } = &mut self.plane;
+        let Some(row) = usize::try_from(self.top + row as i64)
+            .ok()
+            .filter(|row| row < height)
+        else {
+            return;
+        };
+        let line = &mut data[row * *width..(row + 1) * *width];
+        for (column, value) in (self.left + column as i64..).zip(values) {
+            if let Some(pixel) = usize::try_from(column).ok().and_then(|at| line.get_mut(at)) {
+                *pixel = value;
+            }
+        }
+    }
+}
+
+/// Values as the decoder gives them, in the byte order of this machine.
+fn samples(kind: SampleType, bytes: &[u8]) -> Box<dyn Iterator<Item = f32> + '_> {
+    let (pairs, fours) = (bytes.as_chunks().0, bytes.as_chunks().0);
+    match kind {
+        SampleType::F16 => Box::new(pairs.iter().map(|b| f16::from_ne_bytes(*b).to_f32())),
+        SampleType::F32 => Box::new(fours.iter().map(|b| f32::from_ne_bytes(*b))),
+        SampleType::U32 => Box::new(fours.iter().map(|b| u32::from_ne_bytes(*b) as f32)),
+    }
 }
 
 fn decode(bytes: &[u8]) -> std::result::Result<(Plane, DepthHeader), String> {
-    let layer = first_layer(bytes, |other| format!("{other} ({} bytes)", bytes.len()))?;
+    let Channel {
+        plane,
+        is_f32,
+        attributes,
+    } = read_channel(bytes, |_| Ok(CHANNEL.to_owned()))?;
     let attribute = |key: &str| {
-        let found = layer.attributes.other.get(&Text::from(key));
+        let found = attributes.get(&Text::from(key));
         found.ok_or_else(|| format!("its header has no attribute `{key}`"))
     };
     let text = |key: &str| match attribute(key)? {
@@ -231,6 +343,9 @@ fn decode(bytes: &[u8]) -> std::result::Result<(Plane, DepthHeader), String> {
     if unit != "m" {
         return Err(format!("its unit is `{unit}`, not `m`"));
     }
+    if !is_f32 {
+        return Err(format!("its channel `{CHANNEL}` has no 32-bit values"));
+    }
     let header = DepthHeader {
         source: text("source")?,
         axis: text("axis")?,
@@ -238,25 +353,13 @@ fn decode(bytes: &[u8]) -> std::result::Result<(Plane, DepthHeader), String> {
         baseline_m: number("baseline_m")?,
         frame: text("frame")?,
     };
-    let channel = layer
-        .channel_data
-        .list
-        .into_iter()
-        .find(|channel| channel.name.eq(CHANNEL));
-    let Some(AnyChannel {
-        sample_data: FlatSamples::F32(data),
-        ..
-    }) = channel
-    else {
-        return Err(format!("it has no 32-bit channel `{CHANNEL}`"));
-    };
-    let plane =
-        Plane::new(layer.size.x(), layer.size.y(), data).ok_or("its size contradicts its data")?;
     Ok((plane, header))
 }
 
 #[cfg(test)]
 mod tests {
+    use exr::prelude::{AnyChannel, AnyChannels, FlatSamples, Image, IntegerBounds, WritableImage};
+
     use super::*;
 
     fn header() -> DepthHeader {
@@ -345,6 +448,15 @@ mod tests {
         let ends = place.unwrap() + window.len() + 4 + 8;
         bytes[ends..ends + 4].copy_from_slice(&1_000_000_000_i32.to_le_bytes());
         bytes[ends + 4..ends + 8].copy_from_slice(&1_000_000_000_i32.to_le_bytes());
+        // The number of blocks of 16 rows goes with it.
+        let count = b"chunkCount\0int\0";
+        let count = bytes
+            .windows(count.len())
+            .position(|part| part == count)
+            .unwrap()
+            + count.len()
+            + 4;
+        bytes[count..count + 4].copy_from_slice(&62_500_001_i32.to_le_bytes());
         for problem in [
             decode(&bytes).unwrap_err(),
             decode_channel(&bytes).unwrap_err(),
@@ -378,6 +490,51 @@ mod tests {
                 .contains("its channels are A, B")
         );
         assert!(decode_channel(b"no exr").is_err());
+    }
+
+    /// A file of 3 x 2 values from 1 to 6 whose data window lies elsewhere than its display window.
+    fn shifted(data: Vec2<i32>, display: (Vec2<i32>, Vec2<usize>)) -> Vec<u8> {
+        let values = FlatSamples::F32((1..7).map(|v| v as f32).collect());
+        let channels = AnyChannels::sort(once(AnyChannel::new("Y", values)).collect());
+        let mut image = Image::from_channels((3, 2), channels);
+        image.layer_data.attributes.layer_position = data;
+        image.attributes.display_window = IntegerBounds::new(display.0, display.1);
+        let mut bytes = Cursor::new(Vec::new());
+        image.write().to_buffered(&mut bytes).unwrap();
+        bytes.into_inner()
+    }
+
+    #[test]
+    fn values_are_put_where_the_display_window_has_them() {
+        // Values begin in column 1 of row 1 of a 5 x 3 picture; what is outside of them is 0.
+        let inner = shifted(Vec2(11, -4), (Vec2(10, -5), Vec2(5, 3)));
+        let plane = decode_channel(&inner).unwrap();
+        assert_eq!((plane.width, plane.height), (5, 3));
+        let rows = [
+            [0.0; 5],
+            [0.0, 1.0, 2.0, 3.0, 0.0],
+            [0.0, 4.0, 5.0, 6.0, 0.0],
+        ];
+        assert_eq!(plane.data, rows.concat());
+        // Values of more than the picture are cut off: its first pixel is in column 1 of row 1.
+        let outer = shifted(Vec2(-1, -1), (Vec2(0, 0), Vec2(2, 1)));
+        let plane = decode_channel(&outer).unwrap();
+        assert_eq!(
+            (plane.width, plane.height, &*plane.data),
+            (2, 1, &[5.0, 6.0][..])
+        );
+        let beside = shifted(Vec2(100, 100), (Vec2(0, 0), Vec2(2, 1)));
+        assert_eq!(decode_channel(&beside).unwrap().data, [0.0; 2]);
+    }
+
+    #[test]
+    fn own_files_never_change() {
+        // Recipe: BLAKE3 of `encode_depth` at version 0.1.0, when whole images were given to the encoder.
+        let bytes = encode_depth(&depth(), &header()).unwrap();
+        assert_eq!(
+            crate::files::blake3_hex(&bytes),
+            "2b71f6806c3ea922da1a3fb5a41a447af4d06b91e6890c9dca45e8427d32a251"
+        );
     }
 
     #[test]
