@@ -23,9 +23,10 @@ mod verify;
 
 use std::ffi::OsString;
 
-use clap::{Parser, Subcommand};
+use clap::{Args as _, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use strat_store::command::{CliError, DONE, USAGE, fail};
 
+use self::evaluate::EvaluateArgs;
 use crate::evaluate::plan::PlanError;
 
 const EXAMPLES: &str = "\
@@ -84,8 +85,12 @@ Exit codes: 0 done, 1 failed or incomplete, 2 wrong usage.";
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
-    #[command(flatten)]
-    evaluate: Option<evaluate::EvaluateArgs>,
+}
+
+/// What a command line asks for: a subcommand, or tables.
+enum Asked {
+    Command(Command),
+    Tables(EvaluateArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -120,9 +125,19 @@ enum Command {
     Report(report::ReportArgs),
 }
 
-/// The parser of the command line, for tests of what guides tell users to type.
+/// The parser of the command line.
 pub fn command() -> clap::Command {
-    <Cli as clap::CommandFactory>::command()
+    EvaluateArgs::augment_args(Cli::command())
+}
+
+/// clap's derive never finds an optional group of options that contains another, so the options of
+/// `bench --table` are read here, where no subcommand is named.
+fn parse(args: &[OsString]) -> Result<Asked, clap::Error> {
+    let matches = command().try_get_matches_from(args)?;
+    Ok(match Cli::from_arg_matches(&matches)?.command {
+        Some(command) => Asked::Command(command),
+        None => Asked::Tables(EvaluateArgs::from_arg_matches(&matches)?),
+    })
 }
 
 /// Runs the command with the given arguments, the program's name first, and returns the exit
@@ -134,26 +149,24 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
         .skip(1)
         .map(|argument| argument.to_string_lossy().into_owned())
         .collect();
-    let cli = match Cli::try_parse_from(&args) {
-        Ok(cli) => cli,
+    let asked = match parse(&args) {
+        Ok(asked) => asked,
         Err(error) => {
             // clap knows which of its messages are help (stdout, success) and which are not.
             let _ = error.print();
             return if error.use_stderr() { USAGE } else { DONE };
         }
     };
-    run(cli, arguments).unwrap_or_else(|error| match error.downcast::<PlanError>() {
+    run(asked, arguments).unwrap_or_else(|error| match error.downcast::<PlanError>() {
         Ok(error) => fail(&CliError::usage(error)),
         Err(error) => fail(error.as_ref()),
     })
 }
 
-fn run(cli: Cli, arguments: Vec<String>) -> anyhow::Result<u8> {
-    let Some(command) = cli.command else {
-        let Some(args) = cli.evaluate else {
-            return Err(CliError::Usage("nothing to do; see `bench --help`".to_owned()).into());
-        };
-        return evaluate::run(&args, arguments);
+fn run(asked: Asked, arguments: Vec<String>) -> anyhow::Result<u8> {
+    let command = match asked {
+        Asked::Tables(args) => return evaluate::run(&args, arguments),
+        Asked::Command(command) => command,
     };
     match command {
         Command::Setup(args) => setup::run(&args),
@@ -176,10 +189,22 @@ fn run(cli: Cli, arguments: Vec<String>) -> anyhow::Result<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory as _;
 
     #[test]
     fn arguments_are_well_formed() {
-        Cli::command().debug_assert();
+        command().debug_assert();
+    }
+
+    #[test]
+    fn a_table_and_a_subcommand_are_told_apart() {
+        let asked = |line: &str| parse(&line.split(' ').map(OsString::from).collect::<Vec<_>>());
+        let table = asked("bench --table 3.1 --data set --out results --model a.onnx");
+        assert!(matches!(table, Ok(Asked::Tables(_))));
+        let other = asked("bench report results");
+        assert!(matches!(other, Ok(Asked::Command(Command::Report(_)))));
+        assert!(
+            asked("bench --table 3.1 --out results").is_err(),
+            "--data is missing"
+        );
     }
 }
