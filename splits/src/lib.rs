@@ -1,4 +1,5 @@
-//! What is in the KITTI and Eigen splits: drives, frames, roles, validation draw, digest.
+//! What is in the KITTI and Eigen splits: drives, frames, roles, validation draw, digest, and what
+//! was recorded together.
 //!
 //! Both splits are lists of complete drives of KITTI raw (PROTOCOL 2.1); training and
 //! validation follow from the drive table, the test sets are the 200 KITTI stereo 2015
@@ -8,11 +9,13 @@
 //! This crate does no I/O and knows nothing about folders, images or calibration.
 
 mod frame;
+mod recording;
 mod role;
 mod split;
 mod table;
 
 pub use frame::{Date, DriveId, FrameId, ParseIdError};
+pub use recording::{Recording, recording};
 pub use role::{ParseSplitError, Role, Split};
 pub use split::{
     Counts, MAKE3D_TEST_IMAGES, VALIDATION_PER_DRIVE, counts, digest, kitti2015_id, test_ids,

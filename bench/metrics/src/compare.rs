@@ -1,11 +1,12 @@
 //! Tests of the difference between two models over the images that both were scored on.
 //!
-//! For each metric: the mean difference with its bootstrap interval ([`statistics`]), the p value
-//! of a sign-flip permutation test that flips whole drives (the unit that is independent; exact
-//! for up to 16 drives, drawn otherwise), beside it Wilcoxon's signed-rank test over the mean
-//! differences of the drives, and the permutation's p corrected after Holm (1979) for all
-//! comparisons made at once. Images without a drive in their id are a drive of their own, see
-//! [`cluster_of`].
+//! For each metric: the mean difference with its interval ([`Interval`]), the p value of a sign-flip
+//! permutation test that flips whole [recordings](strat_splits::recording()) (the unit that is
+//! independent; exact for up to 16, drawn otherwise), beside it Wilcoxon's signed-rank test over the
+//! mean differences of the recordings, and the permutation's p corrected after Holm (1979) for the
+//! tests of its family: the errors, or the accuracies, under one protocol.
+//!
+//! With k recordings p cannot fall below 2^(1 - k); what that means after Holm stands beside it.
 //!
 //! A small p says that the choice of test drives does not explain the difference. It does not
 //! speak of the spread between training runs: for that, train several seeds.
@@ -15,11 +16,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+use strat_splits::{Recording, recording};
 
+use crate::interval::{Range, check, ratio_interval};
 use crate::metrics::Metric;
 use crate::protocol::Group;
 use crate::rows::ModelRows;
-use crate::statistics::{self, Bootstrap, Interval, cluster_of};
+use crate::statistics::{Clusters, Interval, NoInterval, mean};
 
 /// Up to this many clusters all 2^n sign patterns are counted.
 pub const EXACT_UP_TO: usize = 16;
@@ -27,16 +30,13 @@ pub const EXACT_UP_TO: usize = 16;
 /// Up to this many differences, without ties, Wilcoxon's distribution is counted.
 const WILCOXON_EXACT_UP_TO: usize = 50;
 
-/// How p values and intervals are drawn. The default is 10 000 sign patterns with seed 0 and the
-/// default [`Bootstrap`].
+/// How p values are drawn. The default is 10 000 sign patterns with seed 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TestOptions {
     /// Sign patterns that are drawn where there are too many to count.
     pub permutations: u32,
     /// Seed of the generator of patterns.
     pub seed: u64,
-    /// How intervals are drawn.
-    pub bootstrap: Bootstrap,
 }
 
 impl Default for TestOptions {
@@ -44,7 +44,6 @@ impl Default for TestOptions {
         Self {
             permutations: 10_000,
             seed: 0,
-            bootstrap: Bootstrap::default(),
         }
     }
 }
@@ -68,16 +67,20 @@ pub struct PairedTest {
     pub images: u64,
     /// Images that one of the two has and the other lacks; they count for nothing.
     pub unpaired_images: u64,
-    /// Drives, or images where ids name no drive.
+    /// Recordings: drives, runs of scenes of unknown drive, or images that say nothing of a drive.
     pub clusters: u64,
+    /// The same by kind.
+    pub recordings: Clusters,
     /// Mean of the first model over the common images.
     pub mean_a: f64,
     /// Mean of the second model over the common images.
     pub mean_b: f64,
     /// Mean of second minus first.
     pub difference: f64,
-    /// 95 % interval of the difference; `None` with fewer than two clusters.
+    /// 95 % interval of the difference.
     pub interval: Option<Interval>,
+    /// Why there is none.
+    pub no_interval: Option<NoInterval>,
     /// Two-sided p of the sign-flip test; `None` with fewer than two clusters.
     pub p_permutation: Option<f64>,
     /// The permutation's p was counted and not drawn.
@@ -85,8 +88,26 @@ pub struct PairedTest {
     /// Two-sided p of Wilcoxon's test over the clusters' mean differences; `None` where all of
     /// them are zero or there are fewer than two clusters.
     pub p_wilcoxon: Option<f64>,
-    /// `p_permutation` after Holm, over all tests of one call.
+    /// `p_permutation` after Holm, within the family.
     pub p_holm: Option<f64>,
+    /// Tests in the family: those of one call under the same protocol that are all about errors, or
+    /// all about accuracies.
+    pub family: usize,
+    /// The smallest p that differences of this many recordings (and this many drawn patterns) can
+    /// have.
+    pub smallest_p: Option<f64>,
+}
+
+impl PairedTest {
+    /// The smallest p after Holm that this test can have in its family.
+    #[must_use]
+    pub fn smallest_p_holm(&self) -> Option<f64> {
+        self.smallest_p.map(|p| (p * self.family as f64).min(1.0))
+    }
+
+    fn family(&self) -> (String, bool) {
+        (self.protocol.clone(), self.lower_is_better)
+    }
 }
 
 /// Why models cannot be compared.
@@ -121,8 +142,8 @@ pub enum CompareError {
     },
 }
 
-/// Tests the given pairs of models, all metrics and groups. All tests of the call are one family
-/// for Holm's correction, so give all pairs at once.
+/// Tests the given pairs of models, all metrics and groups. Tests of one call under one protocol are
+/// corrected together, errors and accuracies apart, so give all pairs at once.
 ///
 /// # Errors
 /// A pair of different protocols, data sets or images.
@@ -134,15 +155,20 @@ pub fn compare(
     for (a, b) in pairs {
         tests.extend(one_pair(a, b, options)?);
     }
-    let adjusted = holm(
-        &tests
+    let families: BTreeSet<(String, bool)> = tests.iter().map(PairedTest::family).collect();
+    for family in families {
+        let mut members: Vec<&mut PairedTest> = tests
+            .iter_mut()
+            .filter(|test| test.p_permutation.is_some() && test.family() == family)
+            .collect();
+        let p: Vec<f64> = members
             .iter()
             .filter_map(|test| test.p_permutation)
-            .collect::<Vec<f64>>(),
-    );
-    let with_p = tests.iter_mut().filter(|test| test.p_permutation.is_some());
-    for (test, p) in with_p.zip(adjusted) {
-        test.p_holm = Some(p);
+            .collect();
+        for (test, adjusted) in members.iter_mut().zip(holm(&p)) {
+            test.p_holm = Some(adjusted);
+            test.family = p.len();
+        }
     }
     Ok(tests)
 }
@@ -177,9 +203,6 @@ fn one_pair(
     let mut tests = Vec::new();
     for group in std::iter::once(None).chain(Group::all().map(Some)) {
         let (of_a, of_b) = (a.of_group(group), b.of_group(group));
-        let Some(paired) = statistics::paired(&of_a, &of_b, &options.bootstrap) else {
-            continue;
-        };
         let by_image: BTreeMap<&str, [f64; 7]> = of_a
             .iter()
             .map(|row| (row.image.as_str(), row.score.metrics.to_array()))
@@ -192,18 +215,29 @@ fn one_pair(
             })
             .collect();
         common.sort_by_key(|(image, ..)| *image);
+        let difference = mean(common.iter().map(|(image, a, b)| {
+            let difference: [f64; 7] = std::array::from_fn(|index| b[index] - a[index]);
+            (*image, difference)
+        }));
+        let Some(difference) = difference else {
+            continue;
+        };
         let all: BTreeSet<&str> = of_a.iter().chain(&of_b).map(|r| r.image.as_str()).collect();
         let count = common.len() as f64;
         for metric in Metric::ALL {
             let index = metric as usize;
-            let mut sums: BTreeMap<&str, (f64, u32)> = BTreeMap::new();
+            let mut sums: BTreeMap<Recording<'_>, (f64, f64)> = BTreeMap::new();
             for (image, a, b) in &common {
-                let (sum, images) = sums.entry(cluster_of(image)).or_default();
+                let (sum, images) = sums.entry(recording(image)).or_default();
                 *sum += b[index] - a[index];
-                *images += 1;
+                *images += 1.0;
             }
-            let totals: Vec<f64> = sums.values().map(|(sum, _)| *sum).collect();
-            let means: Vec<f64> = sums.values().map(|(s, n)| s / f64::from(*n)).collect();
+            let recordings = Clusters::count(sums.keys().copied());
+            let sums: Vec<(f64, f64)> = sums.into_values().collect();
+            let totals: Vec<f64> = sums.iter().map(|(sum, _)| *sum).collect();
+            let means: Vec<f64> = sums.iter().map(|(sum, images)| sum / images).collect();
+            let sizes: Vec<f64> = sums.iter().map(|(_, images)| *images).collect();
+            let no_interval = check(&sizes).err();
             tests.push(PairedTest {
                 protocol: first.protocol.clone(),
                 group,
@@ -211,17 +245,23 @@ fn one_pair(
                 model_b: second.model.clone(),
                 metric: metric.name(),
                 lower_is_better: metric.lower_is_better(),
-                images: paired.images,
-                unpaired_images: all.len() as u64 - paired.images,
-                clusters: paired.clusters,
+                images: common.len() as u64,
+                unpaired_images: (all.len() - common.len()) as u64,
+                clusters: recordings.total(),
+                recordings,
                 mean_a: common.iter().map(|(_, a, _)| a[index]).sum::<f64>() / count,
                 mean_b: common.iter().map(|(_, _, b)| b[index]).sum::<f64>() / count,
-                difference: paired.mean.get(metric),
-                interval: paired.intervals.map(|intervals| intervals[index]),
+                difference: difference[index],
+                interval: no_interval
+                    .is_none()
+                    .then(|| ratio_interval(&sums, Range::Any)),
+                no_interval,
                 p_permutation: sign_flip(&totals, options.permutations, options.seed),
                 exact: totals.len() <= EXACT_UP_TO,
                 p_wilcoxon: wilcoxon(&means),
                 p_holm: None,
+                family: 0,
+                smallest_p: smallest_p(&totals, options.permutations),
             });
         }
     }
@@ -273,6 +313,23 @@ pub fn sign_flip(differences: &[f64], draws: u32, seed: u64) -> Option<f64> {
         hits += u32::from(reaches(sum));
     }
     Some(f64::from(hits) / (f64::from(draws) + 1.0))
+}
+
+/// The smallest p that [`sign_flip`] can give for this many differences, of which those of zero
+/// decide nothing.
+#[must_use]
+pub fn smallest_p(differences: &[f64], draws: u32) -> Option<f64> {
+    let count = differences.len();
+    if count < 2 {
+        return None;
+    }
+    let deciding = differences.iter().filter(|value| **value != 0.0).count();
+    let all_alike = libm::exp2(1.0 - deciding.max(1) as f64);
+    Some(if count <= EXACT_UP_TO {
+        all_alike
+    } else {
+        all_alike.max(1.0 / (f64::from(draws) + 1.0))
+    })
 }
 
 /// Two-sided p of Wilcoxon's signed-rank test. Differences of zero are left out and equal
@@ -447,13 +504,100 @@ mod tests {
             );
             assert!((test.mean_b - test.mean_a - test.difference).abs() < 1e-12);
             assert_eq!(test.difference < 0.0, test.lower_is_better, "{test:?}");
-            // Two of 2^8 patterns; seven such tests.
+            // Two of 2^8 patterns; four errors and three accuracies.
             assert!(
                 test.exact && test.p_permutation == Some(2.0 / 256.0),
                 "{test:?}"
             );
-            assert_eq!(test.p_holm, Some(14.0 / 256.0));
+            let family = if test.lower_is_better { 4 } else { 3 };
+            assert_eq!(test.family, family);
+            assert_eq!(test.p_holm, Some(2.0 * family as f64 / 256.0));
+            assert_eq!(test.smallest_p, test.p_permutation);
+            assert_eq!(test.smallest_p_holm(), test.p_holm);
+            // However much images differ, a constant gain is certain.
+            let interval = test.interval.unwrap();
+            for bound in [interval.low, interval.high] {
+                assert!((bound - test.difference).abs() < 1e-9, "{test:?}");
+            }
         }
+    }
+
+    /// Recipe: numpy as in `interval`'s tests, for differences of -0.01 + 0.002 (i mod 5) in images 1
+    /// to 23 of eight drives.
+    #[test]
+    fn the_interval_of_a_difference_is_that_of_numpy() {
+        let mut all = rows("a", 0.0);
+        all.remove(0);
+        let mut b = rows("b", 0.01);
+        for (i, row) in b.iter_mut().enumerate() {
+            row.score.metrics.abs_rel += 0.002 * (i % 5) as f64;
+        }
+        all.extend(b);
+        let models = by_model(&all, "eigen-80").unwrap();
+        let tests = compare(&[(&models[0], &models[1])], &TestOptions::default()).unwrap();
+        let interval = tests[0].interval.unwrap();
+        assert!((tests[0].difference + 0.006).abs() < 1e-12);
+        assert!(
+            (interval.low + 0.007039013676984793).abs() < 1e-10,
+            "{interval:?}"
+        );
+        assert!(
+            (interval.high + 0.004960986323015207).abs() < 1e-10,
+            "{interval:?}"
+        );
+    }
+
+    /// Fifteen stereo 2015 scenes of four drives (scenes 7 to 21): as independent images p would be
+    /// 2^-14 where sign flips by drive cannot go below 2^-3, whatever the difference.
+    #[test]
+    fn stereo_2015_scenes_are_flipped_by_drive() {
+        let mut all = Vec::new();
+        for (model, value) in [("a", 0.2), ("b", 0.1)] {
+            all.extend((7..22).map(|i| {
+                let image = strat_splits::kitti2015_id(i);
+                sample(model, "kitti2015", &image, value)
+            }));
+        }
+        let models = by_model(&all, "kitti2015").unwrap();
+        let tests = compare(&[(&models[0], &models[1])], &TestOptions::default()).unwrap();
+        let drives = tests[0].clusters;
+        assert_eq!(tests[0].recordings.drives, drives, "all known");
+        assert!(drives < 8, "{drives}");
+        let smallest = 2.0_f64.powi(1 - drives as i32);
+        assert_eq!(tests[0].p_permutation, Some(smallest));
+        assert_eq!(tests[0].smallest_p_holm(), Some((4.0 * smallest).min(1.0)));
+    }
+
+    #[test]
+    fn families_are_protocols_and_kinds_of_metrics() {
+        let mut all = rows("a", 0.0);
+        all.extend(rows("b", 0.01));
+        let mut capped = all.clone();
+        for row in &mut capped {
+            row.context.protocol = "eigen-50".to_owned();
+        }
+        let (near, far) = (by_model(&capped, "eigen-50"), by_model(&all, "eigen-80"));
+        let (near, far) = (near.unwrap(), far.unwrap());
+        let pairs = [(&far[0], &far[1]), (&near[0], &near[1])];
+        let tests = compare(&pairs, &TestOptions::default()).unwrap();
+        assert_eq!(tests.len(), 14);
+        for test in &tests {
+            assert_eq!(test.family, if test.lower_is_better { 4 } else { 3 });
+        }
+    }
+
+    #[test]
+    fn the_smallest_p_is_that_of_differences_of_one_sign() {
+        for count in [2, 5, 16] {
+            let alike = vec![0.3; count];
+            assert_eq!(smallest_p(&alike, 99), sign_flip(&alike, 99, 0));
+        }
+        assert_eq!(
+            smallest_p(&[1.0, 2.0, 0.0], 99),
+            sign_flip(&[1.0, 2.0, 0.0], 99, 0)
+        );
+        assert_eq!(smallest_p(&[1.0; 40], 9_999), Some(1e-4));
+        assert_eq!(smallest_p(&[1.0], 99), None);
     }
 
     #[test]

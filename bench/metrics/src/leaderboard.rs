@@ -11,7 +11,7 @@
 //! [`SCHEMA`] on each line; it is raised when a column changes its meaning, and other values are
 //! refused. `origin` is `measured` or `published`; measured lines have `protocol_digest` and
 //! `data_digest`, published ones a `citation`. Each metric is an unweighted mean over images with
-//! the ends of its 95 % interval (`_low`, `_high`), `intervals` says how those were drawn. An
+//! the bounds of its 95 % interval (`_low`, `_high`), `intervals` says how those were made. An
 //! empty cell is a figure that nobody has. Numbers are in their shortest exact form, and
 //! lines are sorted, so the same lines make the same file.
 
@@ -27,7 +27,7 @@ use crate::metrics::{Metric, Metrics};
 use crate::protocol::{GroundTruthKind, Group, canonical};
 use crate::published;
 use crate::rows::{Row, RowsError, by_model};
-use crate::statistics::{Bootstrap, Interval, summarise};
+use crate::statistics::{Interval, summarise};
 use crate::thesis::ThesisTable;
 
 /// Version of the columns' meaning, written on each line.
@@ -82,9 +82,15 @@ pub const COLUMNS: [&str; 45] = [
     "tool_version",
 ];
 
-/// Place of `abs_rel` in [`COLUMNS`]; each of the nine figures from there on is followed by the
-/// ends of its interval.
+/// Index of `abs_rel` in [`COLUMNS`]; each of the nine figures from there on is followed by the
+/// bounds of its interval.
 const FIRST_FIGURE: usize = 8;
+
+/// How intervals are made, as the lines say it.
+const METHOD: &str = "95 % t interval, delete-one jackknife";
+
+/// How earlier versions made them.
+const OLD_METHOD: &str = "95 % percentile bootstrap";
 
 /// Who says so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -145,7 +151,7 @@ pub struct Entry {
     pub d1_all: Option<f64>,
     /// 95 % interval of `d1_all`.
     pub d1_all_interval: Option<Interval>,
-    /// How the intervals were drawn, in words.
+    /// How the intervals were made, in words.
     pub interval_method: Option<String>,
     /// Images scored.
     pub images: Option<u64>,
@@ -173,12 +179,7 @@ pub struct Entry {
 ///
 /// # Errors
 /// Rows that do not belong together.
-pub fn measured(
-    rows: &[Row],
-    protocol: &str,
-    test_images: u64,
-    bootstrap: &Bootstrap,
-) -> Result<Vec<Entry>, RowsError> {
+pub fn measured(rows: &[Row], protocol: &str, test_images: u64) -> Result<Vec<Entry>, RowsError> {
     let truth = crate::protocol(protocol).map(|protocol| protocol.ground_truth);
     let eigen = eigen_test();
     let expected_images = match truth {
@@ -192,13 +193,8 @@ pub fn measured(
         let context = model.context();
         let filled = |text: &str| (!text.is_empty()).then(|| text.to_owned());
         for group in std::iter::once(None).chain(Group::all().map(Some)) {
-            let Some(summary) = summarise(&model.of_group(group), bootstrap) else {
+            let Some(summary) = summarise(&model.of_group(group)) else {
                 continue;
-            };
-            let unit = if summary.clusters == summary.images {
-                "images"
-            } else {
-                "drives"
             };
             entries.push(Entry {
                 method: context.model.clone(),
@@ -217,12 +213,9 @@ pub fn measured(
                 rmse_pooled_interval: summary.pooled_rmse_interval,
                 d1_all: summary.d1_all,
                 d1_all_interval: summary.d1_all_interval,
-                interval_method: summary.intervals.map(|_| {
-                    format!(
-                        "95 % percentile bootstrap over {} {unit}, {} resamples, seed {}",
-                        summary.clusters, bootstrap.resamples, bootstrap.seed
-                    )
-                }),
+                interval_method: summary
+                    .intervals
+                    .map(|_| format!("{METHOD} over {}", summary.clusters)),
                 images: Some(summary.images),
                 expected_images: Some(expected_images),
                 pixels: Some(summary.pixels),
@@ -291,9 +284,35 @@ impl Entry {
         Some(Metrics::from_array(values))
     }
 
-    /// First column in which two lines differ, with both values.
+    /// First column in which two lines differ, with both values. Where intervals were made in two
+    /// ways, that is the difference, and not their bounds.
     pub fn difference(&self, other: &Self) -> Option<String> {
+        if self.is_old() != other.is_old() {
+            let method = |entry: &Self| entry.interval_method.clone().unwrap_or_default();
+            return Some(format!(
+                "intervals: {:?} and {:?}",
+                method(self),
+                method(other)
+            ));
+        }
         columns::difference(&COLUMNS, &self.cells(), &other.cells())
+    }
+
+    /// Whether its intervals were made as earlier versions made them.
+    fn is_old(&self) -> bool {
+        let method = self.interval_method.as_deref();
+        method.is_some_and(|method| method.starts_with(OLD_METHOD))
+    }
+
+    /// The same figures without what earlier versions computed otherwise.
+    fn without_intervals(&self) -> Self {
+        Self {
+            intervals: [None; 7],
+            rmse_pooled_interval: None,
+            d1_all_interval: None,
+            interval_method: None,
+            ..self.clone()
+        }
     }
 
     /// True if both lines are about the same model, protocol, data and device.
@@ -405,8 +424,10 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
             ) {
                 (Some(low), Some(high)) => Some(Interval { low, high }),
                 (None, None) => None,
-                (None, Some(_)) => return Err(fields.error(low, "the other end of the interval")),
-                (Some(_), None) => return Err(fields.error(high, "the other end of the interval")),
+                (None, Some(_)) => return Err(fields.error(low, "the other bound of the interval")),
+                (Some(_), None) => {
+                    return Err(fields.error(high, "the other bound of the interval"));
+                }
             };
         }
         let [a, b, c, d, e, f, g, rmse_pooled, d1_all] = figures;
@@ -453,14 +474,21 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
 }
 
 /// Puts several files together, sorted by protocol, group, origin and method. Identical lines
-/// become one.
+/// become one; a line of an earlier version that differs in its intervals only gives way.
 ///
 /// # Errors
 /// [`CsvError::Conflict`] for two lines about the same measurement that differ, and
 /// [`CsvError::Definition`] for measured lines whose protocols share a name but not a digest.
 pub fn merge(parts: impl IntoIterator<Item = Vec<Entry>>) -> Result<Vec<Entry>, CsvError> {
     let mut merged: Vec<Entry> = parts.into_iter().flatten().collect();
-    merged.sort_by(|a, b| a.key().cmp(&b.key()));
+    // Of lines about one measurement those of today come first.
+    merged.sort_by(|a, b| (a.key(), a.is_old()).cmp(&(b.key(), b.is_old())));
+    merged.dedup_by(|b, a| {
+        a.key() == b.key()
+            && b.is_old()
+            && !a.is_old()
+            && a.without_intervals() == b.without_intervals()
+    });
     for pair in merged.windows(2) {
         let [a, b] = pair else { continue };
         if a.key() != b.key() {
@@ -512,7 +540,7 @@ mod tests {
     }
 
     fn measured_entries() -> Vec<Entry> {
-        measured(&rows(), "eigen-80", 697, &Bootstrap::default()).unwrap()
+        measured(&rows(), "eigen-80", 697).unwrap()
     }
 
     #[test]
@@ -522,25 +550,21 @@ mod tests {
         let entry = &entries[0];
         assert!((entry.mean().unwrap().abs_rel - 0.135).abs() < 1e-12);
         let interval = entry.intervals[0].unwrap();
-        assert!(interval.low > 0.1 && interval.low < 0.135 && interval.high > 0.135);
+        assert!(interval.low > 0.09 && interval.low < 0.135 && interval.high > 0.135);
         assert_eq!(
             (entry.images, entry.expected_images, entry.pixels),
             (Some(8), Some(697), Some(8000))
         );
         assert_eq!(
             entry.interval_method.as_deref(),
-            Some("95 % percentile bootstrap over 4 drives, 10000 resamples, seed 0")
+            Some("95 % t interval, delete-one jackknife over 4 drives")
         );
         assert_eq!(
             entry.protocol_digest,
             crate::protocol("eigen-80").map(|p| p.digest())
         );
         assert_eq!(entry.provider.as_deref(), Some("cpu"));
-        assert!(
-            measured(&rows(), "eigen-50", 697, &Bootstrap::default())
-                .unwrap()
-                .is_empty()
-        );
+        assert!(measured(&rows(), "eigen-50", 697).unwrap().is_empty());
     }
 
     #[test]
@@ -552,7 +576,7 @@ mod tests {
                 "2011_09_26_drive_0002/0000000069",
                 0.1,
             )];
-            measured(&rows, protocol, images, &Bootstrap::default()).unwrap()[0].expected_images
+            measured(&rows, protocol, images).unwrap()[0].expected_images
         };
         assert_eq!(expected("eigen-improved", 697), Some(652));
         assert_eq!(expected("eigen-80", 697), Some(697));
@@ -570,7 +594,7 @@ mod tests {
                 row
             })
             .collect();
-        let entries = measured(&rows, "semantic", 200, &Bootstrap::default()).unwrap();
+        let entries = measured(&rows, "semantic", 200).unwrap();
         let groups: Vec<_> = entries.iter().map(|entry| entry.group).collect();
         assert_eq!(groups, [Some(Group::Flat), Some(Group::Object)]);
         assert_eq!(entries[0].intervals, [None; 7]);
@@ -637,6 +661,31 @@ mod tests {
         let newer = text(&measured_entries()).replacen("\n1,", "\n2,", 1);
         let error = read(newer.as_bytes()).unwrap_err().to_string();
         assert!(error.starts_with("line 2, column \"schema\""), "{error}");
+    }
+
+    /// Leaderboards of earlier versions are read on, and a line published again replaces its old
+    /// intervals; other figures still contradict.
+    #[test]
+    fn lines_with_intervals_of_earlier_versions_give_way() {
+        let mut old = measured_entries();
+        old[0].interval_method =
+            Some("95 % percentile bootstrap over 4 drives, 10000 resamples, seed 0".to_owned());
+        old[0].intervals[0] = Some(Interval {
+            low: 0.12,
+            high: 0.15,
+        });
+        let read_again = read(text(&old).as_bytes()).unwrap();
+        assert_eq!(read_again, old);
+        for parts in [
+            [old.clone(), measured_entries()],
+            [measured_entries(), old.clone()],
+        ] {
+            assert_eq!(merge(parts).unwrap(), measured_entries());
+        }
+        let difference = old[0].difference(&measured_entries()[0]).unwrap();
+        assert!(difference.starts_with("intervals: "), "{difference}");
+        old[0].metrics[0] = Some(0.2);
+        assert!(merge([old, measured_entries()]).is_err());
     }
 
     #[test]

@@ -45,6 +45,7 @@ pub mod compare;
 pub mod cues;
 mod evaluate;
 mod flip;
+mod interval;
 pub mod leaderboard;
 mod metrics;
 mod protocol;

@@ -7,7 +7,6 @@ use std::path::Path;
 
 use strat_metrics::{
     Metric, Row, leaderboard, rows,
-    statistics::Bootstrap,
     tables::{self, Coverage, Scale, Source, Table, TableError, ThesisTable},
 };
 use strat_store::{files, yaml};
@@ -134,13 +133,7 @@ pub fn write_leaderboard(
     }
     let mut entries = Vec::new();
     for name in &protocols {
-        let bootstrap = Bootstrap::default();
-        entries.extend(leaderboard::measured(
-            rows,
-            name,
-            expected_images,
-            &bootstrap,
-        )?);
+        entries.extend(leaderboard::measured(rows, name, expected_images)?);
     }
     entries.extend(
         leaderboard::published()

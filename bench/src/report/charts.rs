@@ -3,7 +3,7 @@
 use strat_metrics::{
     Group, Grouping, Metric, Row,
     rows::{ModelRows, RowsError, by_model},
-    statistics::{Bootstrap, Summary, summarise},
+    statistics::{Summary, summarise},
     tables::{Line, Section, Table},
 };
 
@@ -100,7 +100,7 @@ pub(super) fn distances(rows: &[Row], protocol: &str) -> Result<Vec<AtDistance>,
         let groups = Grouping::Distance.groups().iter();
         groups
             .filter_map(|&group| {
-                let summary = summarise(&model.of_group(Some(group)), &Bootstrap::default())?;
+                let summary = summarise(&model.of_group(Some(group)))?;
                 Some(AtDistance {
                     model: name.clone(),
                     group,

@@ -101,7 +101,7 @@ pub fn render(title: &str, collected: &Collected) -> Rendered {
                     p.quiet {
                         "Written by strat bench " (env!("CARGO_PKG_VERSION"))
                         " from the files below this folder. Measured figures carry 95 % intervals \
-                         (bootstrap over drives); published ones are marked as published."
+                         over drives; published ones are marked as published."
                     }
                     nav aria-label="Sections" {
                         ul { @for (id, heading, _) in &sections { li { a href={ "#" (id) } { (heading) } } } }
@@ -400,12 +400,7 @@ impl Page {
     fn further(&mut self, set: &DataSet, names: &[&String]) -> Markup {
         let mut entries = Vec::new();
         for name in names {
-            let measured = leaderboard::measured(
-                &set.rows,
-                name,
-                set.coverage.expected_images,
-                &Bootstrap::default(),
-            );
+            let measured = leaderboard::measured(&set.rows, name, set.coverage.expected_images);
             entries.extend(self.or_problem(measured).unwrap_or_default());
         }
         entries_table(&entries)

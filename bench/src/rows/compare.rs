@@ -132,7 +132,7 @@ pub fn pairs(
     Ok(compare(&chosen, options)?)
 }
 
-const HEADER: [&str; 17] = [
+const HEADER: [&str; 19] = [
     "protocol",
     "group",
     "model_a",
@@ -150,6 +150,8 @@ const HEADER: [&str; 17] = [
     "exact",
     "p_wilcoxon",
     "p_holm",
+    "family",
+    "smallest_p",
 ];
 
 /// The tests as CSV with exact figures.
@@ -181,79 +183,194 @@ pub fn csv(tests: &[PairedTest]) -> Result<Vec<u8>, strat_metrics::CsvError> {
             test.exact.to_string(),
             cell(test.p_wilcoxon),
             cell(test.p_holm),
+            test.family.to_string(),
+            cell(test.smallest_p),
         ])?;
     }
     Ok(csv.into_inner().map_err(|error| error.into_error())?)
 }
 
-/// The tests for a terminal: one block per pair, a line per metric.
+/// The tests for a terminal: one block per pair, a line per metric. Differences are those of the
+/// second model to the first.
 #[must_use]
 pub fn text(tests: &[PairedTest], options: &TestOptions) -> String {
-    let p = |value: Option<f64>| match value {
-        None => "-".to_owned(),
-        Some(value) if value < 1e-4 => "<0.0001".to_owned(),
-        Some(value) => format!("{value:.4}"),
-    };
     let mut text = String::new();
-    let mut heading = String::new();
+    let block = |a: &PairedTest, b: &PairedTest| {
+        (&a.protocol, a.group, &a.model_a, &a.model_b)
+            == (&b.protocol, b.group, &b.model_a, &b.model_b)
+    };
+    for tests in tests.chunk_by(block) {
+        text += &block_text(tests);
+        text.push('\n');
+    }
+    text += &format!(
+        "Difference: second model less first, with its 95 % t interval over drives. p: sign flips of \
+         whole drives (counted up to {} drives, else {} drawn, seed {}); Wilcoxon over the drives' \
+         means; Holm within a protocol, errors and accuracies apart. A model is called better where \
+         p is below 0.05 after Holm.\n",
+        strat_metrics::compare::EXACT_UP_TO,
+        options.permutations,
+        options.seed,
+    );
+    text
+}
+
+/// One pair of models under one protocol.
+fn block_text(tests: &[PairedTest]) -> String {
+    let Some(first) = tests.first() else {
+        return String::new();
+    };
+    let (a, b) = (&first.model_a, &first.model_b);
+    let mut text = format!("{a} against {b} under {}", first.protocol);
+    if let Some(group) = first.group {
+        text += &format!(", {group}");
+    }
+    text += &format!(": {} images", first.images);
+    if first.clusters != first.images {
+        text += &format!(" of {}", first.recordings);
+    }
+    if first.unpaired_images > 0 {
+        text += &format!(", {} more in one of them only", first.unpaired_images);
+    }
+    let [of_a, of_b] = [a, b].map(|name| name.chars().count().max(9));
+    text += &format!(
+        "\n{:<9} {a:>of_a$} {b:>of_b$} {:>11}  {:<23} {:>8} {:>8} {:>8}\n",
+        "metric", "difference", "95 % interval", "p", "Wilcoxon", "Holm",
+    );
     for test in tests {
-        let mut next = format!(
-            "{} against {} under {}",
-            test.model_b, test.model_a, test.protocol
-        );
-        if let Some(group) = test.group {
-            next += &format!(", {group}");
-        }
-        next += &format!(": {} images of {} drives", test.images, test.clusters);
-        if test.clusters == test.images {
-            next = next.replace(&format!(" of {} drives", test.clusters), "");
-        }
-        if test.unpaired_images > 0 {
-            next += &format!(", {} more in one of them only", test.unpaired_images);
-        }
-        if next != heading {
-            if !heading.is_empty() {
-                text.push('\n');
-            }
-            text += &format!(
-                "{next}\n{:<9} {:>9} {:>9} {:>11}  {:<23} {:>8} {:>8} {:>8}\n",
-                "metric", "first", "second", "difference", "95 % interval", "p", "Wilcoxon", "Holm"
-            );
-            heading = next;
-        }
         let interval = test.interval.map_or_else(
             || "-".to_owned(),
             |interval| format!("{:+.5} .. {:+.5}", interval.low, interval.high),
         );
         let verdict = match test.p_holm {
             Some(p) if p < 0.05 => {
-                if (test.difference < 0.0) == test.lower_is_better {
-                    "  better"
-                } else {
-                    "  worse"
-                }
+                let second = (test.difference < 0.0) == test.lower_is_better;
+                format!("  {} better", if second { b } else { a })
             }
-            _ => "",
+            _ => String::new(),
         };
         text += &format!(
-            "{:<9} {:>9.4} {:>9.4} {:>+11.5}  {interval:<23} {:>8} {:>8} {:>8}{verdict}\n",
+            "{:<9} {:>of_a$.4} {:>of_b$.4} {:>+11.5}  {interval:<23} {:>8} {:>8} {:>8}{verdict}\n",
             test.metric,
             test.mean_a,
             test.mean_b,
             test.difference,
-            p(test.p_permutation),
-            p(test.p_wilcoxon),
-            p(test.p_holm),
+            p_text(test.p_permutation),
+            p_text(test.p_wilcoxon),
+            p_text(test.p_holm),
         );
     }
-    text += &format!(
-        "\np: sign flips of whole drives (counted up to {} drives, else {} drawn, seed {}); \
-         Wilcoxon over the drives' means; Holm over all {} tests here. \"better\" and \"worse\" \
-         are said below 0.05 after Holm.\n",
-        strat_metrics::compare::EXACT_UP_TO,
-        options.permutations,
-        options.seed,
-        tests.len()
-    );
+    text + &limits(tests)
+}
+
+fn p_text(value: Option<f64>) -> String {
+    match value {
+        None => "-".to_owned(),
+        Some(value) if value < 1e-4 => "<0.0001".to_owned(),
+        Some(value) => format!("{value:.4}"),
+    }
+}
+
+/// What the number of drives keeps these tests from showing.
+fn limits(tests: &[PairedTest]) -> String {
+    let mut text = String::new();
+    let without = tests
+        .iter()
+        .find_map(|test| Some((test, test.no_interval?)));
+    if let Some((test, reason)) = without {
+        text += &format!("No intervals over {}: {reason}.\n", test.recordings);
+    }
+    // The family that is hardest to pass.
+    let hardest = tests
+        .iter()
+        .filter_map(|test| Some((test, test.smallest_p?, test.smallest_p_holm()?)))
+        .max_by(|a, b| a.2.total_cmp(&b.2));
+    if let Some((test, smallest, corrected)) = hardest {
+        text += &format!(
+            "Over {} p cannot fall below {}, and after Holm over {} tests not below {}.",
+            test.recordings,
+            p_text(Some(smallest)),
+            test.family,
+            p_text(Some(corrected)),
+        );
+        if corrected >= 0.05 {
+            text += " WARNING: 0.05 cannot be reached, whatever the difference; compare fewer \
+                     models or groups at once (--protocol, --model-a, --model-b), or on more drives";
+            text += if test.exact {
+                "."
+            } else {
+                ", or with more --draws."
+            };
+        }
+        text.push('\n');
+    }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use strat_metrics::{ImageScore, Metrics, RowContext};
+
+    use super::*;
+
+    /// Rows of a model over two images of each drive.
+    fn rows(model: &str, drives: usize, abs_rel: f64) -> Vec<Row> {
+        let context = RowContext {
+            model: model.to_owned(),
+            protocol: "eigen-80".to_owned(),
+            protocol_digest: "digest".to_owned(),
+            data_digest: "digest".to_owned(),
+            ..RowContext::default()
+        };
+        (0..2 * drives)
+            .map(|i| {
+                let metrics = Metrics {
+                    abs_rel: abs_rel + 0.001 * i as f64,
+                    ..Metrics::default()
+                };
+                let score = ImageScore {
+                    group: None,
+                    metrics,
+                    d1_all: None,
+                    sum_squared_error: 1.0,
+                    pixels: 1,
+                    floored_pixels: 0,
+                };
+                let image = format!("2011_09_26_drive_{:04}/{i:010}", i / 2);
+                Row::new(&context, image, score)
+            })
+            .collect()
+    }
+
+    fn compared(drives: usize) -> String {
+        let all = [rows("old", drives, 0.2), rows("better", drives, 0.1)].concat();
+        let options = TestOptions::default();
+        text(&pairs(&all, None, None, None, &options).unwrap(), &options)
+    }
+
+    /// Columns are in the order of the heading, and the model that is called better is the one with
+    /// the smaller error.
+    #[test]
+    fn the_first_model_is_the_first_column() {
+        let text = compared(12);
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[0].starts_with("old against better under eigen-80: 24 images of 12 drives"));
+        let words: Vec<&str> = lines[1].split_whitespace().collect();
+        assert_eq!(words[..4], ["metric", "old", "better", "difference"]);
+        let words: Vec<&str> = lines[2].split_whitespace().collect();
+        assert_eq!(words[..4], ["abs_rel", "0.2115", "0.1115", "-0.10000"]);
+        assert!(lines[2].ends_with("better better"), "{text}");
+        assert!(!text.contains("WARNING"), "{text}");
+    }
+
+    /// Four drives: p is 2^-3 at best, and 0.5 after Holm over four errors, of which three do not
+    /// differ and have p 1.
+    #[test]
+    fn what_few_drives_cannot_show_is_said() {
+        let text = compared(4);
+        assert!(text.contains("p cannot fall below"), "{text}");
+        assert!(text.contains("WARNING: 0.05 cannot be reached"), "{text}");
+        assert!(!text.contains("No intervals"), "{text}");
+        assert!(compared(2).contains("No intervals over 2 drives: it takes at least 3 of them."));
+    }
 }

@@ -11,7 +11,6 @@ use strat_metrics::{
     Row,
     leaderboard::{self, Entry, Origin},
     rows::RowsError,
-    statistics::Bootstrap,
     tables::{Coverage, Source},
 };
 use strat_store::{files, yaml};
@@ -117,12 +116,7 @@ pub fn append(
     let protocols = protocols_of(&rows);
     let mut measured = Vec::new();
     for protocol in &protocols {
-        measured.extend(leaderboard::measured(
-            &rows,
-            protocol,
-            expected,
-            &Bootstrap::default(),
-        )?);
+        measured.extend(leaderboard::measured(&rows, protocol, expected)?);
     }
     let count = measured.len();
     let published = leaderboard::published()
@@ -188,12 +182,7 @@ pub fn verify(board: &Path, rows_files: &[PathBuf]) -> Result<Verified, PublishE
                 None => {
                     let mut made = Vec::new();
                     for rows in &rows {
-                        made.extend(leaderboard::measured(
-                            rows,
-                            &key.0,
-                            key.1,
-                            &Bootstrap::default(),
-                        )?);
+                        made.extend(leaderboard::measured(rows, &key.0, key.1)?);
                     }
                     derived.push((key, made));
                     derived.len() - 1

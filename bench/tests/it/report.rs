@@ -4,10 +4,7 @@
 use std::{collections::BTreeSet, fs, path::Path, process};
 
 use assert_cmd::Command;
-use strat_metrics::{
-    Group, Row, rows,
-    statistics::{Bootstrap, summarise},
-};
+use strat_metrics::{Group, Row, rows, statistics::summarise};
 use strat_needs::Need;
 use strat_splits::Split;
 
@@ -56,7 +53,7 @@ fn figures_of_the_page_are_those_of_the_rows() {
     for out in ["all/a", "all/b"] {
         let rows = world.rows(out);
         for protocol in ["kitti2015", "kitti2015-occ"] {
-            let summary = summarise(&of(&rows, protocol), &Bootstrap::default()).unwrap();
+            let summary = summarise(&of(&rows, protocol)).unwrap();
             let (mean, ends) = (summary.mean.abs_rel, summary.intervals.unwrap()[0]);
             let cell = format!(
                 "data-v=\"{mean}\">{mean:.3}<small>{:.3} to {:.3}</small>",
@@ -69,7 +66,7 @@ fn figures_of_the_page_are_those_of_the_rows() {
                 .iter()
                 .filter(|row| row.score.group == Some(*group))
                 .collect();
-            if let Some(summary) = summarise(&own, &Bootstrap::default()) {
+            if let Some(summary) = summarise(&own) {
                 let cell = format!("data-v=\"{}\">", summary.mean.rmse);
                 assert!(page.contains(&cell), "no {cell} for {group} of {out}");
             }
@@ -210,7 +207,7 @@ fn rows_without_a_record_make_a_page_too() {
     assert!(page.contains("No run.yaml lies beside the rows"));
     assert!(page.contains("of unknown source"));
     let kept = rows::read(fs::File::open(all.join("a/rows.csv")).unwrap()).unwrap();
-    let summary = summarise(&of(&kept, "kitti2015"), &Bootstrap::default()).unwrap();
+    let summary = summarise(&of(&kept, "kitti2015")).unwrap();
     assert!(page.contains(&format!("data-v=\"{}\">", summary.mean.abs_rel)));
 }
 

@@ -7,7 +7,7 @@ use super::table::{Cell, Line, Table, figure_column, mark_best, plain};
 use crate::metrics::Metric;
 use crate::protocol::Group;
 use crate::published;
-use crate::statistics::{Bootstrap, Interval, summarise};
+use crate::statistics::{Interval, Summary, summarise};
 
 impl Table {
     /// Table 3.2: a line per group, a column per method.
@@ -58,8 +58,7 @@ impl Table {
                 }
                 let mut counts = Vec::new();
                 for (model, bounds) in part.models.iter().zip(&mut bounds) {
-                    let summary =
-                        summarise(&model.rows.of_group(Some(group)), &Bootstrap::default());
+                    let summary = summarise(&model.rows.of_group(Some(group)));
                     let figure = summary.as_ref().map(|summary| {
                         if is_pooled {
                             (summary.pooled_rmse, summary.pooled_rmse_interval)
@@ -69,12 +68,9 @@ impl Table {
                         }
                     });
                     let rmse = figure.map(|(rmse, _)| rmse);
-                    if let Some((_, Some(interval))) = figure {
-                        let Interval { low, high } = interval;
-                        bounds.push(format!(
-                            "{} {low:.3} to {high:.3}",
-                            capitalised(group.name())
-                        ));
+                    if let Some(summary) = &summary {
+                        let interval = figure.and_then(|(_, interval)| interval);
+                        bounds.push(note_on(group, summary, interval));
                     }
                     competing.push(part.competes(model, coverage));
                     line.cells.push(Cell {
@@ -105,11 +101,11 @@ impl Table {
             for (model, bounds) in part.models.iter().zip(bounds) {
                 if !bounds.is_empty() {
                     self.notes.push(format!(
-                        "{} under {}, {}, 95 % intervals ({} resamples): {}.",
+                        "{} under {}, {}, 95 % intervals over drives or runs \
+                         of scenes (how many in brackets): {}.",
                         model.display_name(),
                         part.protocol,
                         heading.to_lowercase(),
-                        Bootstrap::default().resamples,
                         bounds.join(", ")
                     ));
                 }
@@ -122,6 +118,16 @@ impl Table {
              its table has 2.770 against 2.763 without the adversarial term."
                 .to_owned(),
         );
+    }
+}
+
+/// The interval of a group and over what, or why there is none.
+fn note_on(group: Group, summary: &Summary, interval: Option<Interval>) -> String {
+    let (name, over) = (capitalised(group.name()), summary.clusters.total());
+    match (interval, summary.no_interval) {
+        (Some(Interval { low, high }), _) => format!("{name} {low:.3} to {high:.3} ({over})"),
+        (None, Some(reason)) => format!("{name} none ({over}; {reason})"),
+        (None, None) => format!("{name} none"),
     }
 }
 

@@ -4,7 +4,6 @@ use super::coverage::{Coverage, Source};
 use super::part::{Measured, Part, short};
 use crate::metrics::Metric;
 use crate::protocol::{LogBase, protocol};
-use crate::statistics::Bootstrap;
 use crate::thesis::ThesisTable;
 
 pub(super) fn first_line(table: ThesisTable, parts: &[Part<'_>], coverage: &Coverage) -> String {
@@ -106,14 +105,8 @@ pub(super) fn measured_notes(protocol: &str, model: &Measured<'_>) -> Vec<String
                 interval.high
             )
         });
-        let unit = if summary.clusters == summary.images {
-            "images"
-        } else {
-            "drives"
-        };
         notes.push(format!(
-            "{name} under {protocol}, 95 % intervals ({} resamples of {} {unit}): {}.",
-            Bootstrap::default().resamples,
+            "{name} under {protocol}, 95 % intervals over {}: {}.",
             summary.clusters,
             figures.join(", ")
         ));
@@ -121,6 +114,12 @@ pub(super) fn measured_notes(protocol: &str, model: &Measured<'_>) -> Vec<String
             last.truncate(last.len() - 1);
             *last += &format!(", D1-all {:.3} to {:.3}.", d1.low, d1.high);
         }
+    }
+    if let (Some(reason), false) = (summary.no_interval, grouped) {
+        notes.push(format!(
+            "{name} under {protocol}: no intervals over {}; {reason}.",
+            summary.clusters
+        ));
     }
     if summary.floored_pixels > 0 {
         notes.push(format!(

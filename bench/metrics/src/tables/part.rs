@@ -5,7 +5,7 @@ use super::error::TableError;
 use super::table::Section;
 use crate::protocol::protocol;
 use crate::rows::{ModelRows, Row, RowContext, by_model};
-use crate::statistics::{Bootstrap, Summary, summarise};
+use crate::statistics::{Summary, summarise};
 
 /// One model's rows under the section's protocol, and what they come to.
 pub(super) struct Measured<'a> {
@@ -84,7 +84,7 @@ impl<'a> Part<'a> {
                     expected: coverage.expected_images,
                 });
             }
-            if let Some(summary) = summarise(rows.rows(), &Bootstrap::default()) {
+            if let Some(summary) = summarise(rows.rows()) {
                 measured.push(Measured { rows, summary });
             }
         }
