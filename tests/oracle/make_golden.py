@@ -182,23 +182,50 @@ def _():
     return [fingerprint(bits(geometry.bilinear(PLANE, *size))) for size in ((150, 90), (17, 20), (7, 90))]
 
 
+def bytes_of(resize, cases):
+    """For each (source, target): a fingerprint of all bytes, and the pixel in row 3, column 5."""
+    found = []
+    for source, target in cases:
+        other = np.asarray(resize(picture(*source), target))
+        found += [fingerprint(other), other[3, 5]]
+    return found
+
+
 @recipe("store/area-bytes")
 def _():
-    """OpenCV itself: a fingerprint of all bytes, and the pixel in row 3, column 5."""
+    """OpenCV itself."""
     import cv2
 
-    found = []
-    for source, target in [
+    cases = [
         ((1242, 375), (512, 256)),
         ((1224, 370), (512, 256)),
         ((120, 80), (60, 40)),
         ((120, 80), (40, 20)),
         ((61, 37), (17, 36)),
         ((100, 50), (99, 50)),
-    ]:
-        small = cv2.resize(picture(*source), target, interpolation=cv2.INTER_AREA)
-        found += [fingerprint(small), small[3, 5]]
-    return found
+    ]
+    return bytes_of(lambda image, size: cv2.resize(image, size, interpolation=cv2.INTER_AREA), cases)
+
+
+@recipe("store/lanczos-bytes")
+def _():
+    """Pillow 11 itself; later ones may take the two directions in another order."""
+    import PIL
+    from PIL import Image
+
+    if int(PIL.__version__.split(".")[0]) > 11:
+        raise ModuleNotFoundError("Pillow 11 is not there")
+    cases = [
+        ((1242, 375), (512, 256)),
+        ((1224, 370), (640, 192)),
+        ((61, 37), (150, 90)),
+        ((120, 80), (60, 40)),
+        ((100, 50), (99, 50)),
+        ((100, 50), (100, 33)),
+        ((61, 37), (17, 90)),
+        ((7, 300), (300, 7)),
+    ]
+    return bytes_of(lambda image, size: Image.fromarray(image).resize(size, Image.LANCZOS), cases)
 
 
 # Depth of scans.

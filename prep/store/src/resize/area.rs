@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn area_bytes_equal_opencv() {
-        // Recipe: cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), OpenCV 5.0.0.
+        // Recipe: make_golden.py store/area-bytes, which asks OpenCV itself (5.0.0).
         // The KITTI case, a narrower day, 2 x 2 and 3 x 4 blocks, barely shrinking both ways and one way.
         let cases = [
             ((1242, 375), (512, 256), 9_862_116_551_447, [142, 179, 66]),
@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn area_planes_equal_the_oracle() {
-        // Recipe: oracle.resize_area(plane, 17, 20) in f64: its sum, [3, 5] and [-1, -1].
+        // Recipe: make_golden.py store/area: the sum, row 3 column 5, and the last value.
         let small = area_f32(&plane(), 17, 20);
         let sum: f64 = small.data.iter().map(|v| f64::from(*v)).sum();
         assert!((sum - 168.654_810_035_445_28).abs() < 1e-5, "{sum}");

@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn bilinear_planes_equal_the_oracle_bit_for_bit() {
-        // Recipe: oracle.resize_bilinear(plane as float32, width, height), fingerprint of the value bits.
+        // Recipe: make_golden.py store/bilinear: fingerprints of the values' bits.
         for (width, height, expected) in [
             (150, 90, 96_195_221_251_962_079),
             (17, 20, 61_203_743_935_254),

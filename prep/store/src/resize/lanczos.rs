@@ -121,8 +121,8 @@ mod tests {
 
     #[test]
     fn bytes_equal_pillow() {
-        // Recipe: Image.fromarray(picture).resize((width, height), Image.LANCZOS), Pillow 11.3.0: the sum
-        // of value times 1-based index, and the pixel in column 5 of row 3. The KITTI case, a narrower
+        // Recipe: make_golden.py store/lanczos-bytes, which asks Pillow itself (11.3.0): the sum of value
+        // times 1-based index, and the pixel in column 5 of row 3. The KITTI case, a narrower
         // day, enlarging, one direction alone, one up and one down.
         let cases = [
             ((1242, 375), (512, 256), 9_862_074_842_543, [141, 192, 55]),
