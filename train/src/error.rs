@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use strat_store::command::{USAGE, exit_code};
+
 /// Result of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -79,7 +81,7 @@ pub enum Error {
 
     /// The output folder holds a run already.
     #[error(
-        "{} already holds a training run; continue it with --resume, replace it with --force, \
+        "{} already contains a training run; continue it with --resume, replace it with --force, \
          or name another folder",
         .0.display()
     )]
@@ -91,6 +93,13 @@ pub enum Error {
         .0.display()
     )]
     NotARun(PathBuf),
+
+    /// Another process trains in the folder.
+    #[error(
+        "another training is running in {}; wait for it to end, or name another folder",
+        .0.display()
+    )]
+    InUse(PathBuf),
 
     /// There is nothing to resume or export.
     #[error("no training run in {}: {reason}", folder.display())]
@@ -127,9 +136,9 @@ pub enum Error {
     #[error("{0}")]
     Memory(String),
 
-    /// Start weights that do not fit.
-    #[error("{} cannot be used as start weights: {reason}", path.display())]
-    StartWeights {
+    /// Initial weights that do not fit.
+    #[error("{} cannot be used as initial weights: {reason}", path.display())]
+    InitialWeights {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
@@ -143,6 +152,40 @@ pub enum Error {
     /// No threads.
     #[error("cannot prepare batches: {0}")]
     Threads(String),
+}
+
+impl Error {
+    /// Whether the command line is to blame: it names a folder, a setting or a device that cannot be
+    /// used.
+    #[must_use]
+    pub fn is_usage(&self) -> bool {
+        match self {
+            Self::Store(error) => exit_code(error) == USAGE,
+            Self::Config(_)
+            | Self::EmptySet { .. }
+            | Self::WrongSplit { .. }
+            | Self::RunExists(_)
+            | Self::NotARun(_)
+            | Self::InUse(_)
+            | Self::NoRun { .. }
+            | Self::CannotResume { .. }
+            | Self::Device(_)
+            | Self::InitialWeights { .. } => true,
+            Self::Io(_)
+            | Self::TooManyBroken { .. }
+            | Self::NonFinite { .. }
+            | Self::Checkpoint { .. }
+            | Self::Memory(_)
+            | Self::Export(_)
+            | Self::Threads(_) => false,
+        }
+    }
+}
+
+impl From<csv::Error> for Error {
+    fn from(error: csv::Error) -> Self {
+        Self::Io(error.to_string())
+    }
 }
 
 impl From<std::io::Error> for Error {

@@ -2,9 +2,10 @@
 #![cfg(target_os = "linux")]
 
 use strat_train::config::{Config, Preset};
-use strat_train::data::Batch;
+use strat_train::data::loader::Batch;
 use strat_train::device::DeviceChoice;
-use strat_train::training::trainer::Networks;
+use strat_train::training::schedule::Timeline;
+use strat_train::training::trainer::Trainer;
 
 /// Bytes of memory that this process holds.
 fn resident() -> f64 {
@@ -23,8 +24,8 @@ fn five_hundred_steps_take_no_more_memory_than_a_hundred() {
     ];
     let settings = settings.map(str::to_owned);
     let config = Config::resolve("kitti-strat", Some(Preset::Tiny), &settings).unwrap();
-    let weights = config.loss_weights();
-    let mut networks = Networks::new(&config, None, &DeviceChoice::Cpu.open().unwrap());
+    let timeline = Timeline::new(&config, 100);
+    let mut trainer = Trainer::new(&config, None, &DeviceChoice::Cpu.open().unwrap());
     let mut after_a_hundred = 0.0;
     for step in 0..500 {
         let view = |salt: u64| {
@@ -38,9 +39,7 @@ fn five_hundred_steps_take_no_more_memory_than_a_hundred() {
             indices: vec![0],
             warnings: Vec::new(),
         };
-        networks
-            .step(&config, &weights, vec![batch], step, 100)
-            .unwrap();
+        trainer.step(&config, &timeline, step, vec![batch]).unwrap();
         if step == 99 {
             after_a_hundred = resident();
         }

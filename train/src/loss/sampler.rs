@@ -10,14 +10,14 @@
 use burn::tensor::ops::PadMode;
 use burn::tensor::{Int, Tensor};
 
-use crate::kernels;
+use crate::kernels::sampler;
 
 /// Samples `source`, `[n, c, h, w]`, at columns displaced by `offset_fraction`, `[n, 1, h, w]`, a
 /// fraction of the width.
 ///
 /// The result has the shape of `source`.
 pub fn sample_horizontal(source: Tensor<4>, offset_fraction: Tensor<4>) -> Tensor<4> {
-    kernels::sample_horizontal(&source, &offset_fraction)
+    sampler::sample_horizontal(&source, &offset_fraction)
         .unwrap_or_else(|| by_gathering(source, offset_fraction))
 }
 

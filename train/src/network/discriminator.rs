@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 
-use crate::network::initial_weights::{Parameter, StartWeights};
+use crate::network::initial_weights::{InitialWeights, Parameter};
 use crate::network::layers::{
     Convolution, Initializer, InstanceNorm, Width, leaky_relu, unit_interval,
 };
@@ -55,15 +55,15 @@ impl DiscriminatorConfig {
         self.init_from(seed, None, NETWORK, device)
     }
 
-    /// The same, with what start weights hold for the network `network` in the place of the seed's.
+    /// The same, with what initial weights hold for the network `network` in the place of the seed's.
     pub fn init_from(
         &self,
         seed: u64,
-        start: Option<&StartWeights>,
+        initial: Option<&InitialWeights>,
         network: &str,
         device: &Device,
     ) -> Discriminator {
-        let init = Initializer::new(seed, device).with_start(start, Some(network));
+        let init = Initializer::new(seed, device).with_initial(initial, Some(network));
         let mut inputs = 3;
         let stages = FILTERS
             .iter()

@@ -12,7 +12,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 
-use crate::network::initial_weights::{Parameter, StartWeights};
+use crate::network::initial_weights::{InitialWeights, Parameter};
 use crate::network::layers::{
     Convolution, Initializer, LayerWeights, Ops, TensorOps, TransposedConvolution, Width,
 };
@@ -119,9 +119,14 @@ impl GeneratorConfig {
         self.init_from(seed, None, device)
     }
 
-    /// The same, with what start weights hold in the place of the seed's.
-    pub fn init_from(&self, seed: u64, start: Option<&StartWeights>, device: &Device) -> Generator {
-        let init = Initializer::new(seed, device).with_start(start, None);
+    /// The same, with what initial weights hold in the place of the seed's.
+    pub fn init_from(
+        &self,
+        seed: u64,
+        initial: Option<&InitialWeights>,
+        device: &Device,
+    ) -> Generator {
+        let init = Initializer::new(seed, device).with_initial(initial, None);
         let width = |channels| self.width.channels(channels);
 
         let mut inputs = width(64);

@@ -1,4 +1,4 @@
-//! Start weights: networks that begin with the numbers of a file instead of those of the seed.
+//! Initial weights: networks that begin with the numbers of a file instead of those of the seed.
 //!
 //! The file is a safetensors file. Its tensors have the names and the layout of the exported
 //! ONNX model's initialisers (`encoder.conv1.weight` is `[out, in, k, k]`, a transposed convolution
@@ -38,23 +38,23 @@ pub struct Parameter {
     pub values: Vec<f32>,
 }
 
-/// The tensors of a start-weights file.
+/// The tensors of a initial-weights file.
 #[derive(Clone, Debug)]
-pub struct StartWeights {
+pub struct InitialWeights {
     path: PathBuf,
     tensors: BTreeMap<String, (Vec<usize>, Vec<f32>)>,
     digest: String,
     drives: Option<Vec<String>>,
 }
 
-impl StartWeights {
+impl InitialWeights {
     /// Reads a safetensors file with numbers of 16 or 32 bits.
     ///
     /// # Errors
     /// When there is no such file, it is damaged, or it holds other types or values that are not
     /// finite.
     pub fn read(path: &Path) -> Result<Self> {
-        let refuse = |reason: String| Error::StartWeights {
+        let refuse = |reason: String| Error::InitialWeights {
             path: path.to_path_buf(),
             reason,
         };
@@ -118,7 +118,7 @@ impl StartWeights {
     /// the generator, or none fits. Tensors of a discriminator may be left over.
     pub fn check(&self, parameters: &[Parameter]) -> Result<String> {
         let refuse = |reason: String| {
-            Err(Error::StartWeights {
+            Err(Error::InitialWeights {
                 path: self.path.clone(),
                 reason,
             })
@@ -166,7 +166,7 @@ impl StartWeights {
             String::new()
         };
         Ok(format!(
-            "start weights from {}: {used} of {} tensors of the networks{left}",
+            "initial weights from {}: {used} of {} tensors of the networks{left}",
             self.path.display(),
             parameters.len()
         ))
@@ -247,7 +247,7 @@ mod tests {
             parameter("discriminator.last.bias", &[1], &[3.0]),
         ];
         let (_folder, path) = written(&own);
-        let start = StartWeights::read(&path).unwrap();
+        let start = InitialWeights::read(&path).unwrap();
         assert_eq!(start.drives().unwrap(), ["a", "b"]);
         assert_eq!(start.values("x.weight", &[1, 2]), Some(vec![0.5, -1.0]));
         assert_eq!(start.values("x.weight", &[2, 1]), None);
@@ -268,7 +268,7 @@ mod tests {
         let put = |dtype, bytes: &[u8]| {
             let view = TensorView::new(dtype, vec![2], bytes).unwrap();
             std::fs::write(&path, safetensors::serialize([("x", view)], None).unwrap()).unwrap();
-            StartWeights::read(&path)
+            InitialWeights::read(&path)
         };
         let f = [f16::from_f32(0.5), f16::from_f32(-2.0)].map(f16::to_le_bytes);
         let start = put(Dtype::F16, f.as_flattened()).unwrap();
@@ -290,14 +290,14 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_named() {
         let (_folder, path) = written(&[parameter("x.weight", &[2], &[1.0, 2.0])]);
-        let start = StartWeights::read(&path).unwrap();
+        let start = InitialWeights::read(&path).unwrap();
         let refused = |parameters: &[Parameter]| start.check(parameters).unwrap_err().to_string();
         let text = refused(&[parameter("x.weight", &[3], &[0.0; 3])]);
         assert!(text.contains("[2]") && text.contains("[3]"), "{text}");
         let text = refused(&[parameter("y.weight", &[2], &[0.0; 2])]);
         assert!(text.contains("`x.weight`"), "{text}");
         let (_folder, path) = written(&[parameter("discriminator.x", &[1], &[1.0])]);
-        let start = StartWeights::read(&path).unwrap();
+        let start = InitialWeights::read(&path).unwrap();
         let text = start.check(&[]).unwrap_err().to_string();
         assert!(text.contains("none"), "{text}");
     }
@@ -308,10 +308,10 @@ mod tests {
         let bytes = std::fs::read(&path).unwrap();
         for length in [0, 7, 30, bytes.len() - 1] {
             std::fs::write(&path, &bytes[..length]).unwrap();
-            let text = StartWeights::read(&path).unwrap_err().to_string();
+            let text = InitialWeights::read(&path).unwrap_err().to_string();
             assert!(text.contains("no whole safetensors file"), "{text}");
         }
-        let text = StartWeights::read(&folder.path().join("none"))
+        let text = InitialWeights::read(&folder.path().join("none"))
             .unwrap_err()
             .to_string();
         assert!(text.contains("none"), "{text}");

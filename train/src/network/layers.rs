@@ -23,8 +23,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 
-use crate::kernels::{self, Activation};
-use crate::network::initial_weights::{Parameter, StartWeights};
+use crate::kernels::activation::{Activation, LEAK, activate};
+use crate::kernels::conv;
+use crate::network::initial_weights::{InitialWeights, Parameter};
 
 /// Multiplier on the number of channels of a network, as an exact fraction; `1` is full width.
 ///
@@ -139,19 +140,19 @@ fn greatest_common_divisor(a: u32, b: u32) -> u32 {
     }
 }
 
-/// Source of initial weights: one seed, one independent stream for each layer name. Start weights
+/// Source of initial weights: one seed, one independent stream for each layer name. Initial weights
 /// take the place of what they hold.
 #[derive(Clone, Debug)]
 pub struct Initializer<'a> {
     seed: u64,
     device: &'a Device,
-    start: Option<Start<'a>>,
+    initial: Option<Initial<'a>>,
 }
 
-/// Start weights and the network that looks for its own in them.
+/// Initial weights and the network that looks for its own in them.
 #[derive(Clone, Copy, Debug)]
-struct Start<'a> {
-    weights: &'a StartWeights,
+struct Initial<'a> {
+    weights: &'a InitialWeights,
     /// Stands in the place of the first part of a layer's name; `None` leaves names as they are.
     network: Option<&'a str>,
 }
@@ -162,28 +163,27 @@ impl<'a> Initializer<'a> {
         Self {
             seed,
             device,
-            start: None,
+            initial: None,
         }
     }
 
-    /// The same with start weights, in which the layers of a network named `network` are looked for
+    /// The same with initial weights, in which the layers of a network named `network` are looked for
     /// (`discriminator-right.last` for the layer `discriminator.last`).
     #[must_use]
-    pub fn with_start(
+    pub fn with_initial(
         mut self,
-        weights: Option<&'a StartWeights>,
+        weights: Option<&'a InitialWeights>,
         network: Option<&'a str>,
     ) -> Self {
-        self.start = weights.map(|weights| Start { weights, network });
+        self.initial = weights.map(|weights| Initial { weights, network });
         self
     }
 
-    /// Values for the part `part` (weight, bias) of the layer `name`, if there are start weights.
-    fn started(&self, name: &str, part: &str, shape: &[usize]) -> Option<Vec<f32>> {
-        let start = self.start?;
-        start
-            .weights
-            .values(&parameter_name(start.network, name, part), shape)
+    /// Values for the part `part` (weight, bias) of the layer `name`, if there are initial weights.
+    fn given(&self, name: &str, part: &str, shape: &[usize]) -> Option<Vec<f32>> {
+        let initial = self.initial?;
+        let name = parameter_name(initial.network, name, part);
+        initial.weights.values(&name, shape)
     }
 
     /// Uniform values in `-limit..limit` from the stream of `name`.
@@ -193,7 +193,7 @@ impl<'a> Initializer<'a> {
         shape: [usize; D],
         limit: f64,
     ) -> Param<Tensor<D>> {
-        let values = self.started(name, WEIGHT, &shape).unwrap_or_else(|| {
+        let values = self.given(name, WEIGHT, &shape).unwrap_or_else(|| {
             let mut stream = ChaCha8Rng::seed_from_u64(self.seed);
             stream.set_stream(stream_of(name));
             (0..shape.iter().product())
@@ -205,7 +205,7 @@ impl<'a> Initializer<'a> {
 
     /// One value everywhere, for the part `part` of the layer `name`.
     fn full(&self, name: &str, part: &str, count: usize, value: f32) -> Param<Tensor<1>> {
-        let values = self.started(name, part, &[count]);
+        let values = self.given(name, part, &[count]);
         self.values(values.unwrap_or_else(|| vec![value; count]), [count])
     }
 
@@ -256,7 +256,7 @@ pub struct LayerWeights {
 
 impl LayerWeights {
     /// The two parts as files hold them, for a layer `name` of the network `network` (see
-    /// [`Initializer::with_start`]).
+    /// [`Initializer::with_initial`]).
     pub(crate) fn parameters(self, network: Option<&str>, name: &str) -> [Parameter; 2] {
         [
             Parameter {
@@ -338,7 +338,7 @@ impl Convolution {
         if kernel == 1 {
             return pointwise(input, weight, self.bias.val(), self.stride);
         }
-        kernels::conv2d(input, weight, self.bias.val(), self.stride, self.padding)
+        conv::conv2d(input, weight, self.bias.val(), self.stride, self.padding)
     }
 
     /// The weights as plain numbers, OIHW.
@@ -412,7 +412,7 @@ impl TransposedConvolution {
 
     /// `[n, in, h, w]` to `[n, out, 2h, 2w]`.
     pub fn forward(&self, input: Tensor<4>) -> Tensor<4> {
-        kernels::conv_transpose2d(
+        conv::conv_transpose2d(
             input,
             self.weight.val(),
             self.bias.val(),
@@ -467,7 +467,7 @@ impl InstanceNorm {
         }
     }
 
-    /// Scale and shift as files hold them (see [`Initializer::with_start`]).
+    /// Scale and shift as files hold them (see [`Initializer::with_initial`]).
     pub(crate) fn parameters(&self, network: Option<&str>, name: &str) -> [Parameter; 2] {
         [(WEIGHT, &self.scale), (BIAS, &self.shift)].map(|(part, values)| {
             let values = values_of(values.val());
@@ -497,7 +497,7 @@ impl InstanceNorm {
 /// Not burn's own: its gradient is NaN for large positive `x`, where the exponential of the unused
 /// branch overflows.
 pub fn elu(input: Tensor<4>) -> Tensor<4> {
-    kernels::activate(Activation::Elu, &input).unwrap_or_else(|| elu_by_parts(input))
+    activate(Activation::Elu, &input).unwrap_or_else(|| elu_by_parts(input))
 }
 
 /// The same in burn's own operations, for every backend.
@@ -508,8 +508,8 @@ fn elu_by_parts(input: Tensor<4>) -> Tensor<4> {
 
 /// `x` for positive and `0.2 x` for negative `x`.
 pub fn leaky_relu(input: Tensor<4>) -> Tensor<4> {
-    kernels::activate(Activation::LeakyRelu, &input)
-        .unwrap_or_else(|| activation::leaky_relu(input, f64::from(kernels::LEAK)))
+    activate(Activation::LeakyRelu, &input)
+        .unwrap_or_else(|| activation::leaky_relu(input, f64::from(LEAK)))
 }
 
 /// The operations a network topology may use.

@@ -14,17 +14,19 @@ use std::time::Instant;
 
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
+use strat_store::human;
 use sysinfo::{MemoryRefreshKind, RefreshKind, System};
 
-use crate::config::{Config, Judges};
-use crate::data::Batch;
+use crate::config::{Config, Sharing};
+use crate::data::loader::Batch;
 use crate::device::DeviceChoice;
 use crate::error::{Error, Result};
 use crate::network::discriminator::Discriminator;
 use crate::network::generator::Generator;
 use crate::network::layers::{Convolution, Ops, TransposedConvolution};
 use crate::random::{Draws, Purpose};
-use crate::training::trainer::Networks;
+use crate::training::schedule::Timeline;
+use crate::training::trainer::Trainer;
 
 /// Bytes of the program itself with its threads and buffers.
 const PROGRAM: f64 = 22e6;
@@ -34,12 +36,10 @@ const COPIES: f64 = 3.6;
 /// Bytes for each value that the generator computes; many are overwritten by the next operation.
 const PER_VALUE: f64 = 1.85;
 /// Bytes for each value that a discriminator computes.
-const PER_JUDGED: f64 = 8.0;
+const PER_DISCRIMINATED: f64 = 8.0;
 /// Bytes for each value of the two images in the losses (pyramids, samples, structural terms), and
 /// what the adversarial term adds to that.
 const PER_PIXEL: [f64; 2] = [30.0, 20.0];
-
-const MIB: f64 = 1024.0 * 1024.0;
 
 /// Predicted bytes of a training step, as a line in the number of pairs per batch.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,25 +53,30 @@ pub struct Need {
 impl Need {
     /// The prediction for these networks on the CPU backend.
     #[must_use]
-    pub fn predict(config: &Config, networks: &Networks) -> Self {
-        let (generator, discriminators) = networks.parameters();
-        let [height, width] = [config.input.height as usize, config.input.width as usize];
+    pub fn predict(config: &Config, trainer: &Trainer) -> Self {
+        let (generator, discriminators) = trainer.parameters();
+        let [height, width] = config.input.size();
         let mut counter = Counter { values: 0 };
-        Generator::run(&networks.generator(), &mut counter, [3, height, width]);
-        let views = match config.discriminator.judges {
-            Judges::Shared => 2,
-            Judges::PerView => 1,
+        Generator::run(&trainer.generator(), &mut counter, [3, height, width]);
+        let views = match config.discriminator.sharing {
+            Sharing::Shared => 2,
+            Sharing::PerView => 1,
         };
-        let judge = networks.discriminator();
-        let judged = judge.as_ref().map_or(0, |judge| {
-            views * judged_values(judge, config.discriminator.patch)
+        let discriminator = trainer.discriminator();
+        let discriminated = discriminator.as_ref().map_or(0, |network| {
+            views * discriminator_values(network, config.discriminator.patch)
         });
         let [stereo, adversarial] = PER_PIXEL;
-        let per_pixel = stereo + if judge.is_some() { adversarial } else { 0.0 };
+        let per_pixel = stereo
+            + if discriminator.is_some() {
+                adversarial
+            } else {
+                0.0
+            };
         Self {
             fixed: PROGRAM + 4.0 * COPIES * (generator + discriminators) as f64,
             per_pair: PER_VALUE * counter.values as f64
-                + PER_JUDGED * judged as f64
+                + PER_DISCRIMINATED * discriminated as f64
                 + per_pixel * (2 * 3 * height * width) as f64,
         }
     }
@@ -124,19 +129,19 @@ impl Need {
         };
         Err(Error::Memory(format!(
             "a step of batch {} at {}x{} needs about {} of memory, but {} are free; {advice}. \
-             `train estimate` measures it; --ignore-memory goes on all the same",
+             `train estimate` measures it; --ignore-memory continues anyway",
             config.batch,
             config.input.width,
             config.input.height,
-            human(needed),
-            human(free),
+            human::bytes(needed as u64),
+            human::bytes(free as u64),
         )))
     }
 }
 
 /// Values per sample that a discriminator computes for a patch: of every stage the convolution,
 /// the normalisation, the activation and the dropout.
-fn judged_values(network: &Discriminator, patch: usize) -> usize {
+fn discriminator_values(network: &Discriminator, patch: usize) -> usize {
     let mut side = patch;
     let stages = network.stages.iter().map(|stage| {
         side /= 2;
@@ -225,16 +230,6 @@ pub fn free() -> f64 {
     system.available_memory().min(group) as f64
 }
 
-/// Bytes for people: `1.4 GiB`, `310 MiB`.
-#[must_use]
-pub fn human(bytes: f64) -> String {
-    if bytes >= 1024.0 * MIB {
-        format!("{:.1} GiB", bytes / (1024.0 * MIB))
-    } else {
-        format!("{:.0} MiB", bytes / MIB)
-    }
-}
-
 /// What steps of one batch size took.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
@@ -255,14 +250,18 @@ pub fn measure(config: &Config, device: DeviceChoice) -> Result<Measured> {
     /// The first step lacks the moments of Adam.
     const STEPS: u64 = 3;
     let open = device.open()?;
-    let mut networks = Networks::new(config, None, &open);
-    let weights = config.loss_weights();
+    let mut trainer = Trainer::new(config, None, &open);
+    let timeline = Timeline {
+        steps_per_epoch: STEPS,
+        epochs: config.epochs,
+        end: STEPS,
+    };
     let mut fastest = f64::INFINITY;
     for step in 0..STEPS {
         let batches = (0..config.accumulate as u64).map(|part| noise(config, step, part));
         let batches = batches.collect();
         let started = Instant::now();
-        networks.step(config, &weights, batches, step, STEPS)?;
+        trainer.step(config, &timeline, step, batches)?;
         if step > 0 {
             fastest = fastest.min(started.elapsed().as_secs_f64());
         }
@@ -276,7 +275,8 @@ pub fn measure(config: &Config, device: DeviceChoice) -> Result<Measured> {
 
 fn noise(config: &Config, step: u64, part: u64) -> Batch {
     let mut draws = Draws::new(config.seed, Purpose::Augmentation, step, part);
-    let size = 3 * config.input.height as usize * config.input.width as usize;
+    let [height, width] = config.input.size();
+    let size = 3 * height * width;
     let mut view = || (0..config.batch * size).map(|_| draws.unit()).collect();
     Batch {
         left: view(),
@@ -319,18 +319,18 @@ mod tests {
     use super::*;
     use crate::config::Preset;
 
-    fn tiny(settings: &[&str]) -> (Config, Networks) {
+    fn tiny(settings: &[&str]) -> (Config, Trainer) {
         let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();
         let config = Config::resolve("kitti-strat", Some(Preset::Tiny), &settings).unwrap();
-        let networks = Networks::new(&config, None, &Device::flex());
-        (config, networks)
+        let trainer = Trainer::new(&config, None, &Device::flex());
+        (config, trainer)
     }
 
     #[test]
     fn the_counter_sees_the_shapes_that_the_network_has() {
-        let (config, networks) = tiny(&["network.head=sigmoid"]);
+        let (config, trainer) = tiny(&["network.head=sigmoid"]);
         let mut counter = Counter { values: 0 };
-        let levels = networks.generator().run(&mut counter, [3, 64, 128]);
+        let levels = trainer.generator().run(&mut counter, [3, 64, 128]);
         assert_eq!(levels, [[2, 64, 128], [2, 32, 64], [2, 16, 32], [2, 8, 16]]);
         let given: usize = levels.iter().map(|l| l.iter().product::<usize>()).sum();
         assert!(counter.values > 10 * given, "{}", counter.values);
@@ -338,17 +338,17 @@ mod tests {
         assert_eq!(patch, 64);
         // Filters 4, 8, 16, 32, 32 on maps of 32, 16, 8, 4, 2.
         let expected = 4 * (4 * 1024 + 8 * 256 + 16 * 64 + 32 * 16 + 32 * 4);
-        let network = networks.discriminator().unwrap();
-        assert_eq!(judged_values(&network, patch), expected);
+        let network = trainer.discriminator().unwrap();
+        assert_eq!(discriminator_values(&network, patch), expected);
     }
 
     #[test]
     fn more_pairs_and_a_discriminator_need_more() {
-        let (config, networks) = tiny(&[]);
-        let with = Need::predict(&config, &networks);
+        let (config, trainer) = tiny(&[]);
+        let with = Need::predict(&config, &trainer);
         assert!(with.bytes(8) > with.bytes(4));
-        let (config, networks) = tiny(&["variant=no-adv"]);
-        let without = Need::predict(&config, &networks);
+        let (config, trainer) = tiny(&["variant=no-adv"]);
+        let without = Need::predict(&config, &trainer);
         assert!(with.bytes(4) > without.bytes(4));
     }
 
@@ -356,16 +356,16 @@ mod tests {
     fn what_cannot_fit_is_refused_with_settings_that_fit() {
         let (config, _) = tiny(&["batch=8"]);
         let need = Need {
-            fixed: 100.0 * MIB,
-            per_pair: 100.0 * MIB,
+            fixed: 100e6,
+            per_pair: 100e6,
         };
-        assert_eq!(need.largest_batch(450.0 * MIB), 3);
-        assert!(need.check(&config, 900.0 * MIB).is_ok());
-        let text = need.check(&config, 450.0 * MIB).unwrap_err().to_string();
-        for part in ["900 MiB", "450 MiB", "batch=3", "accumulate=3", "128x64"] {
+        assert_eq!(need.largest_batch(450e6), 3);
+        assert!(need.check(&config, 900e6).is_ok());
+        let text = need.check(&config, 450e6).unwrap_err().to_string();
+        for part in ["900.0 MB", "450.0 MB", "batch=3", "accumulate=3", "128x64"] {
             assert!(text.contains(part), "{part}: {text}");
         }
-        let text = need.check(&config, 150.0 * MIB).unwrap_err().to_string();
+        let text = need.check(&config, 150e6).unwrap_err().to_string();
         assert!(text.contains("not even"), "{text}");
     }
 
@@ -385,7 +385,6 @@ mod tests {
     #[test]
     fn the_system_tells_how_much_is_free() {
         let bytes = free();
-        assert!(bytes > 16.0 * MIB, "{}", human(bytes));
-        assert_eq!(human(1536.0 * MIB), "1.5 GiB");
+        assert!(bytes > 16e6, "{bytes}");
     }
 }

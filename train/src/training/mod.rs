@@ -4,10 +4,18 @@
 //! predicts what they need. Not here: the networks ([`crate::network`]), the objectives
 //! ([`crate::loss`]), reading and augmenting images ([`crate::data`]).
 
+mod batch;
 pub mod checkpoint;
+pub mod folder;
+mod log;
 pub mod memory;
+pub mod model;
+pub mod options;
+pub mod report;
 pub mod run;
 pub mod schedule;
+mod session;
 pub mod tensorboard;
 pub mod trainer;
 pub mod validation;
+mod watch;

@@ -1,57 +1,76 @@
-//! What changes while training goes on: the baseline fraction b and the learning rate.
+//! What changes while training goes on: steps and epochs, the baseline fraction b, the learning rate.
 //!
 //! Source: PROTOCOL 4.6 (thesis 3.2.3, the structured adversarial schedule). The baseline
 //! fraction `b` (thesis: b/B) says how far the synthesised view that the discriminator
 //! judges lies from its source view. Photometric and consistency terms always use the
 //! full baseline, because a real image exists only there; nothing here touches them.
 
-use serde::{Deserialize, Serialize};
-
+use crate::config::{Config, Decay, Variant};
 use crate::random::{Draws, Purpose};
 
-/// How the baseline fraction of the adversarial term is chosen (thesis table 3.1).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Variant {
-    /// Structured: grows linearly with the epoch, from `baseline_start` towards 1.
-    Strat,
-    /// Always the full baseline.
-    Fixed,
-    /// Uniform in [0, 1), drawn anew for each step, one value for the whole batch.
-    Random,
-    /// No adversarial term and no discriminator.
-    NoAdv,
+/// Steps and epochs of a run. Steps and epochs are counted from 0 unless something else is said.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Timeline {
+    /// Optimizer steps of an epoch.
+    pub steps_per_epoch: u64,
+    /// Epochs of the whole run.
+    pub epochs: u64,
+    /// Step after which the run stops, at the latest with its last epoch.
+    pub end: u64,
 }
 
-impl Variant {
-    /// Whether a discriminator is trained at all.
+impl Timeline {
+    /// The timeline of a run on so many pairs.
+    ///
+    /// What does not fill a step is left out of the epoch, and a set smaller than one step
+    /// repeats pairs to fill it.
     #[must_use]
-    pub fn is_adversarial(self) -> bool {
-        self != Self::NoAdv
-    }
-
-    /// The name used in configuration files and in the model's metadata.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Strat => "strat",
-            Self::Fixed => "fixed",
-            Self::Random => "random",
-            Self::NoAdv => "no-adv",
+    pub fn new(config: &Config, pairs: usize) -> Self {
+        let per_step = (config.batch * config.accumulate).max(1);
+        let steps_per_epoch = ((pairs / per_step) as u64).max(1);
+        let planned = config.epochs * steps_per_epoch;
+        Self {
+            steps_per_epoch,
+            epochs: config.epochs,
+            end: config.max_steps.map_or(planned, |limit| limit.min(planned)),
         }
     }
-}
 
-/// How the learning rate falls.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Decay {
-    /// Constant for the first half, then linear to zero at the end, updated per step.
-    Linear,
-    /// Halved after three fifths and again after four fifths (Godard et al.).
-    Halve,
-    /// Never changed.
-    Constant,
+    /// Steps of the whole run, wherever it stops.
+    #[must_use]
+    pub fn planned(&self) -> u64 {
+        self.epochs * self.steps_per_epoch
+    }
+
+    /// Epochs done before a step, with their fraction.
+    #[must_use]
+    pub fn position(&self, step: u64) -> f64 {
+        step as f64 / self.steps_per_epoch as f64
+    }
+
+    /// Epoch that a step belongs to.
+    #[must_use]
+    pub fn epoch(&self, step: u64) -> u64 {
+        step / self.steps_per_epoch
+    }
+
+    /// The same counted from 1, as people and files are told.
+    #[must_use]
+    pub fn epoch_number(&self, step: u64) -> u64 {
+        self.epoch(step) + 1
+    }
+
+    /// Whether a step is the last of its epoch.
+    #[must_use]
+    pub fn closes_epoch(&self, step: u64) -> bool {
+        (step + 1).is_multiple_of(self.steps_per_epoch)
+    }
+
+    /// Whether a step is the last that is to be taken.
+    #[must_use]
+    pub fn is_last(&self, step: u64) -> bool {
+        step + 1 == self.end
+    }
 }
 
 /// Baseline fraction of the adversarial term in a 0-based epoch:
@@ -61,20 +80,15 @@ pub fn structured_baseline(epoch: u64, epochs: u64, start: f64) -> f64 {
     start + (1.0 - start) * epoch as f64 / epochs.max(1) as f64
 }
 
-/// Baseline fraction at a step. `epoch` and `step` are 0-based; `step` counts over the run.
+/// Baseline fraction of the adversarial term at a step.
 #[must_use]
-pub fn baseline_fraction(
-    variant: Variant,
-    start: f64,
-    epoch: u64,
-    epochs: u64,
-    seed: u64,
-    step: u64,
-) -> f64 {
-    match variant {
-        Variant::Strat => structured_baseline(epoch, epochs, start),
+pub fn baseline_fraction(config: &Config, timeline: &Timeline, step: u64) -> f64 {
+    match config.variant {
+        Variant::Strat => {
+            structured_baseline(timeline.epoch(step), timeline.epochs, config.baseline_start)
+        }
         Variant::Fixed => 1.0,
-        Variant::Random => f64::from(Draws::new(seed, Purpose::Baseline, step, 0).unit()),
+        Variant::Random => f64::from(Draws::new(config.seed, Purpose::Baseline, step, 0).unit()),
         Variant::NoAdv => 0.0,
     }
 }
@@ -161,14 +175,57 @@ mod tests {
 
     #[test]
     fn variants_choose_their_baseline() {
-        let at = |variant, epoch, step| baseline_fraction(variant, 0.1, epoch, 50, 3, step);
-        assert_eq!(at(Variant::Fixed, 0, 0), 1.0);
-        assert_eq!(at(Variant::NoAdv, 10, 0), 0.0);
-        assert_relative_eq!(at(Variant::Strat, 25, 9), 0.55);
-        let drawn: Vec<f64> = (0..500).map(|step| at(Variant::Random, 0, step)).collect();
+        let at = |variant, step| {
+            let config = Config {
+                variant,
+                seed: 3,
+                ..Config::default()
+            };
+            baseline_fraction(&config, &Timeline::new(&config, 80), step)
+        };
+        assert_eq!(at(Variant::Fixed, 0), 1.0);
+        assert_eq!(at(Variant::NoAdv, 100), 0.0);
+        // Ten steps an epoch, 50 epochs.
+        assert_relative_eq!(at(Variant::Strat, 259), 0.55);
+        let drawn: Vec<f64> = (0..500).map(|step| at(Variant::Random, step)).collect();
         assert!(drawn.iter().all(|b| (0.0..1.0).contains(b)));
         let mean = drawn.iter().sum::<f64>() / 500.0;
         assert!((mean - 0.5).abs() < 0.06, "mean {mean}");
-        assert_eq!(drawn[7], at(Variant::Random, 40, 7));
+        let unit = f64::from(Draws::new(3, Purpose::Baseline, 7, 0).unit());
+        assert_eq!(drawn[7], unit);
+    }
+
+    #[test]
+    fn a_timeline_counts_steps_and_epochs() {
+        let config = Config {
+            epochs: 3,
+            batch: 2,
+            accumulate: 2,
+            ..Config::default()
+        };
+        // Eleven pairs fill two steps of four.
+        let timeline = Timeline::new(&config, 11);
+        assert_eq!(
+            (timeline.steps_per_epoch, timeline.planned(), timeline.end),
+            (2, 6, 6)
+        );
+        assert_eq!(
+            [0, 1, 2, 5].map(|step| timeline.epoch_number(step)),
+            [1, 1, 2, 3]
+        );
+        assert_eq!(
+            [0, 1, 2, 3].map(|step| timeline.closes_epoch(step)),
+            [false, true, false, true]
+        );
+        assert_eq!(timeline.position(3), 1.5);
+        assert!(timeline.is_last(5) && !timeline.is_last(4));
+        let stopped = Config {
+            max_steps: Some(4),
+            ..config.clone()
+        };
+        let timeline = Timeline::new(&stopped, 11);
+        assert_eq!((timeline.planned(), timeline.end), (6, 4));
+        // A set smaller than one step still makes an epoch.
+        assert_eq!(Timeline::new(&config, 3).steps_per_epoch, 1);
     }
 }

@@ -22,16 +22,17 @@ use strat_splits::Role;
 use strat_store::image_files::{encode_png_rgb, read_rgb};
 use strat_store::raster::Plane;
 use strat_store::set::{PreparedSet, Sample};
+use strat_store::spread::evenly;
 use strat_store::{exr, files, resize};
 
 use crate::config::Config;
-use crate::data::Pair;
 use crate::data::augment::Augmentation;
+use crate::data::loader::to_tensor;
+use crate::data::pairs::Pair;
 use crate::error::{Error, Result};
 use crate::loss::{Weights, scalar, stereo_losses, synthesize};
 use crate::network::discriminator::{ColourFactors, Discriminator, Patches};
 use crate::network::generator::Generator;
-use crate::training::trainer::images;
 
 /// Disparity that is shown as white, as a fraction of the width: 4 m before a KITTI camera
 /// is 0.08.
@@ -86,10 +87,10 @@ impl Validation {
         all.retain(|sample| sample.right.is_some());
         let wanted = match config.validation.images {
             0 => all.len(),
-            images => images.min(all.len()),
+            images => images,
         };
-        let chosen: Vec<Sample> = (0..wanted)
-            .map(|index| all[index * all.len() / wanted].clone())
+        let chosen: Vec<Sample> = evenly(all.len(), wanted)
+            .map(|index| all[index].clone())
             .collect();
         let read: Vec<_> = chosen
             .into_par_iter()
@@ -118,24 +119,27 @@ impl Validation {
         if samples.is_empty() {
             return Ok(None);
         }
-        Ok(Some(Self {
+        let mut validation = Self {
             samples,
             set: set.clone(),
             protocol,
             warnings,
-        }))
+        };
+        if config.validation.every > 0 && !validation.has_depth() {
+            validation.warnings.push(format!(
+                "warning: no validation pair of {} has the ground truth of the protocol {}; the best \
+                 checkpoint is chosen by the photometric loss",
+                set.root.display(),
+                validation.protocol.name
+            ));
+        }
+        Ok(Some(validation))
     }
 
     /// Number of pairs.
     #[must_use]
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.samples.len()
-    }
-
-    /// Never true: [`Self::open`] gives nothing instead.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.samples.is_empty()
     }
 
     /// Whether any pair has the ground truth that the protocol needs.
@@ -216,15 +220,14 @@ impl Validation {
         config: &Config,
         device: &Device,
     ) -> Vec<Pictures> {
-        let shown = config.pictures.images.min(self.samples.len());
         let picture = |index: usize| {
-            let (sample, pair) = &self.samples[index * self.samples.len() / shown];
+            let (sample, pair) = &self.samples[index];
             let (left, right) = tensors(std::iter::once(&**pair), config, device);
             let disparities = generator.forward(left.clone());
             let (synthesised, _) =
                 synthesize(left, right.clone(), disparities[0].clone(), baseline);
-            let judged = discriminator.map(|network| {
-                judge(
+            let verdicts = discriminator.map(|network| {
+                verdicts(
                     network,
                     [right, synthesised.clone()],
                     config.discriminator.patch,
@@ -237,10 +240,12 @@ impl Validation {
                 left: pair.left.clone(),
                 disparity: coloured(&disparity_maps(&disparities[0])[0]),
                 synthesised: view_of(&values, width, height),
-                judged,
+                verdicts,
             }
         };
-        (0..shown).map(picture).collect()
+        evenly(self.samples.len(), config.pictures.images)
+            .map(picture)
+            .collect()
     }
 }
 
@@ -257,7 +262,7 @@ pub struct Pictures {
     pub synthesised: RgbImage,
     /// What the discriminator says of the middle patch of the real right view (left half) and
     /// of the synthesised one (right half): white where it takes it for real.
-    pub judged: Option<RgbImage>,
+    pub verdicts: Option<RgbImage>,
 }
 
 impl Pictures {
@@ -281,7 +286,7 @@ impl Pictures {
 const CELL: u32 = 16;
 
 /// Grid of the discriminator's verdicts for the middle patches of two views, side by side.
-fn judge(network: &Discriminator, views: [Tensor<4>; 2], patch: usize) -> RgbImage {
+fn verdicts(network: &Discriminator, views: [Tensor<4>; 2], patch: usize) -> RgbImage {
     let [_, _, height, width] = views[0].dims();
     let size = patch.min(height).min(width);
     let patches = Patches {
@@ -314,7 +319,9 @@ fn truth_file<'a>(
     match protocol.ground_truth {
         GroundTruthKind::VelodyneX => sample.depth_velodyne.as_ref(),
         GroundTruthKind::CameraZ => sample.depth_camera.as_ref(),
-        _ => None,
+        GroundTruthKind::Annotated => sample.depth_annotated.as_ref(),
+        // Refused with the configuration.
+        GroundTruthKind::StereoNoc | GroundTruthKind::StereoOcc | GroundTruthKind::Laser => None,
     }
 }
 
@@ -323,7 +330,8 @@ fn tensors<'a>(
     config: &Config,
     device: &Device,
 ) -> (Tensor<4>, Tensor<4>) {
-    let values = 3 * (config.input.width * config.input.height) as usize;
+    let size = config.input.size();
+    let values = 3 * size[0] * size[1];
     let (mut left, mut right) = (Vec::new(), Vec::new());
     for pair in pairs {
         let start = left.len();
@@ -336,10 +344,9 @@ fn tensors<'a>(
             &mut right[start..],
         );
     }
-    let samples = left.len() / values;
     (
-        images(left, samples, config, device),
-        images(right, samples, config, device),
+        to_tensor(left, size, device),
+        to_tensor(right, size, device),
     )
 }
 
@@ -412,7 +419,7 @@ mod tests {
             left: RgbImage::from_pixel(2, 1, image::Rgb([9, 8, 7])),
             disparity: coloured(&map),
             synthesised: view_of(&[0.0, 1.0, 0.5, 0.5, 2.0, -1.0], 2, 1),
-            judged: None,
+            verdicts: None,
         };
         let folder = tempfile::tempdir().unwrap();
         pictures.write(folder.path(), 3).unwrap();

@@ -67,7 +67,7 @@ fn wrong_usage_is_code_2_with_a_sentence() {
         (format!("--config demo --data {here}"), "--out"),
         (
             format!("--config demo --data {here}/none --out {here}/run"),
-            "no folder",
+            "no such folder",
         ),
         (
             format!("--config demo --data {here} --out {here}/run --device gpu"),
@@ -113,7 +113,7 @@ fn an_unknown_key_in_a_file_is_named_with_its_line() {
 }
 
 #[test]
-fn what_is_wrong_with_the_data_is_code_1_with_a_sentence() {
+fn folders_that_cannot_be_used_are_code_2_with_a_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let set = folder.path().join("set");
     crate::prepared::write(&set, 0, 0);
@@ -159,7 +159,7 @@ fn what_is_wrong_with_the_data_is_code_1_with_a_sentence() {
         (format!("export {}", other.display()), "no training run"),
     ] {
         let (code, out, error) = train(&line);
-        assert_eq!(code, 1, "{line}: {error}");
+        assert_eq!(code, 2, "{line}: {error}");
         assert!(error.contains(part), "{line}: {error}");
         assert!(out.is_empty());
     }
@@ -215,4 +215,55 @@ fn a_short_run_is_trained_resumed_and_exported() {
     assert_eq!(code, 0, "{error}");
     assert_eq!(out.trim(), model.display().to_string());
     assert!(model.is_file());
+}
+
+#[test]
+fn a_run_killed_between_its_first_files_says_what_helps() {
+    let folder = tempfile::tempdir().unwrap();
+    let (set, run) = (folder.path().join("set"), folder.path().join("run"));
+    crate::prepared::write(&set, 4, 1);
+    let line = format!(
+        "--config kitti-strat --preset tiny --set network.width=1/32 --set epochs=1 --max-steps 1 \
+         --data {} --out {}",
+        set.display(),
+        run.display()
+    );
+    // What a run leaves that was killed between the two: its lock and its configuration.
+    std::fs::create_dir(&run).unwrap();
+    std::fs::write(run.join(".lock"), "").unwrap();
+    let (_, config, _) = train(&format!("{line} --print-config"));
+    std::fs::write(run.join("config.yaml"), config).unwrap();
+    let (code, _, error) = train(&format!("{line} --resume"));
+    assert_eq!(code, 2, "{error}");
+    assert!(error.contains("again without --resume"), "{error}");
+    let (code, _, error) = train(&line);
+    assert_eq!(code, 0, "{error}");
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_stderr_and_a_closed_stdout_end_no_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let (set, run) = (folder.path().join("set"), folder.path().join("run"));
+    crate::prepared::write(&set, 4, 1);
+    let full = std::fs::OpenOptions::new()
+        .write(true)
+        .open("/dev/full")
+        .unwrap();
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_train"));
+    command.args([
+        "--config",
+        "kitti-strat",
+        "--preset",
+        "tiny",
+        "--max-steps",
+        "1",
+    ]);
+    command.args(["--set", "network.width=1/32", "--set", "epochs=1"]);
+    command.arg("--data").arg(&set).arg("--out").arg(&run);
+    command.stderr(full).stdout(std::process::Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    drop(child.stdout.take());
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert!(run.join("model.onnx").is_file());
 }

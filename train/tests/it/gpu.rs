@@ -12,7 +12,7 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use strat_onnx::metadata::{InputRange, ModelMetadata, OutputMeaning};
 use strat_train::config::{Config, Preset};
-use strat_train::data::Batch;
+use strat_train::data::loader::Batch;
 use strat_train::device::DeviceChoice;
 use strat_train::export::export;
 use strat_train::loss::{
@@ -20,7 +20,9 @@ use strat_train::loss::{
 };
 use strat_train::network::discriminator::{ColourFactors, Patches};
 use strat_train::network::generator::Layer;
-use strat_train::training::trainer::{Networks, StepReport};
+use strat_train::training::report::StepReport;
+use strat_train::training::schedule::Timeline;
+use strat_train::training::trainer::Trainer;
 
 fn config() -> Config {
     let preset = match std::env::var("STRAT_GPU_SIZE").as_deref() {
@@ -150,16 +152,16 @@ fn gradients_are_those_of_the_processor() {
 #[test]
 fn a_step_is_that_of_the_processor_and_its_model_passes_the_gate() {
     let config = config();
-    let weights = config.loss_weights();
-    let run = |device: &Device| -> (StepReport, Networks) {
-        let mut networks = Networks::new(&config, None, device);
-        let report = networks
-            .step(&config, &weights, vec![batch(&config)], 0, 10)
+    let timeline = Timeline::new(&config, 10 * config.batch);
+    let run = |device: &Device| -> (StepReport, Trainer) {
+        let mut trainer = Trainer::new(&config, None, device);
+        let report = trainer
+            .step(&config, &timeline, 0, vec![batch(&config)])
             .unwrap();
-        (report, networks)
+        (report, trainer)
     };
     let (expected, _) = run(&DeviceChoice::Cpu.open().unwrap());
-    let (found, networks) = run(&gpu());
+    let (found, trainer) = run(&gpu());
     for (name, found, expected) in [
         ("total", found.total, expected.total),
         ("adversarial", found.adversarial, expected.adversarial),
@@ -178,7 +180,7 @@ fn a_step_is_that_of_the_processor_and_its_model_passes_the_gate() {
     );
     let folder = tempfile::tempdir().unwrap();
     let parity = export(
-        &networks.generator(),
+        &trainer.generator(),
         &metadata,
         &folder.path().join("m.onnx"),
     )

@@ -106,30 +106,33 @@ fn a_run_killed_again_and_again_ends_with_the_same_weights() {
 }
 
 #[test]
-fn an_interrupt_ends_with_a_checkpoint_of_the_last_step() {
+fn a_signal_ends_with_a_checkpoint_of_the_last_step() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("set");
     crate::prepared::write(&data, 7, 3);
     let whole = folder.path().join("whole");
     finish(start(&data, &whole));
 
-    let parts = folder.path().join("parts");
-    let mut child = start(&data, &parts);
-    watch(&mut child, &parts, 3);
-    let told = Command::new("kill")
-        .args(["-INT", &child.id().to_string()])
-        .status();
-    assert!(told.unwrap().success());
-    let (code, text) = finish(child);
-    assert_eq!(code, Some(1), "{text}");
-    assert!(text.contains("interrupted after step"), "{text}");
-    // The header and one line a step; the checkpoint is of the last of them.
-    let done = steps(&parts) - 1;
-    let newest = parts.join(format!("checkpoints/step-{done:08}"));
-    assert!(newest.is_dir(), "{} is missing", newest.display());
-    assert!(!parts.join("model.onnx").exists());
+    // Ctrl-C, a cluster's time limit, a closed terminal.
+    for signal in ["-INT", "-TERM", "-HUP"] {
+        let parts = folder.path().join(signal);
+        let mut child = start(&data, &parts);
+        watch(&mut child, &parts, 3);
+        let told = Command::new("kill")
+            .args([signal, &child.id().to_string()])
+            .status();
+        assert!(told.unwrap().success());
+        let (code, text) = finish(child);
+        assert_eq!(code, Some(1), "{text}");
+        assert!(text.contains("interrupted after step"), "{text}");
+        // The header and one line a step; the checkpoint is of the last of them.
+        let done = steps(&parts) - 1;
+        let newest = parts.join(format!("checkpoints/step-{done:08}"));
+        assert!(newest.is_dir(), "{} is missing", newest.display());
+        assert!(!parts.join("model.onnx").exists());
 
-    let (code, text) = finish(start(&data, &parts));
-    assert_eq!(code, Some(0), "{text}");
-    assert_same_run(&whole, &parts);
+        let (code, text) = finish(start(&data, &parts));
+        assert_eq!(code, Some(0), "{text}");
+        assert_same_run(&whole, &parts);
+    }
 }

@@ -4,7 +4,7 @@ use assert_cmd::Command;
 use strat_train::config::{Config, Preset};
 use strat_train::device::DeviceChoice;
 use strat_train::training::memory::{Measured, Need};
-use strat_train::training::trainer::Networks;
+use strat_train::training::trainer::Trainer;
 
 /// Peak memory of three steps, measured in a process of its own.
 fn measured(preset: &str, settings: &[&str]) -> Measured {
@@ -31,7 +31,7 @@ fn the_prediction_is_near_the_measurement() {
             "quarter",
             Preset::Quarter,
             8,
-            &["discriminator.judges=per-view"][..],
+            &["discriminator.sharing=per-view"][..],
         ),
         (
             "quarter",
@@ -44,8 +44,8 @@ fn the_prediction_is_near_the_measurement() {
         let settings: Vec<&str> = settings.iter().copied().chain([&*batch_setting]).collect();
         let owned: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();
         let config = Config::resolve("kitti-strat", Some(preset), &owned).unwrap();
-        let networks = Networks::new(&config, None, &DeviceChoice::Cpu.open().unwrap());
-        let predicted = Need::predict(&config, &networks).bytes(batch);
+        let trainer = Trainer::new(&config, None, &DeviceChoice::Cpu.open().unwrap());
+        let predicted = Need::predict(&config, &trainer).bytes(batch);
         let found = measured(name, &settings).peak_bytes;
         let ratio = predicted / found;
         eprintln!("{name} {settings:?}: {found} bytes measured, {ratio:.2} of it predicted");

@@ -12,7 +12,7 @@ use strat_train::network::discriminator::{
     ColourFactors, Discriminator, DiscriminatorConfig, Patches,
 };
 use strat_train::network::generator::{Decoder, GeneratorConfig, Head, Shortcut};
-use strat_train::network::initial_weights::{self, Parameter, StartWeights};
+use strat_train::network::initial_weights::{self, InitialWeights, Parameter};
 use strat_train::network::layers::{
     Convolution, InstanceNorm, Ops, TensorOps, TransposedConvolution, Width, elu, leaky_relu,
 };
@@ -572,7 +572,7 @@ fn the_whole_objective_has_right_gradients_in_every_layer() {
 
     let with = |parameters: &[Parameter], device: &Device| {
         initial_weights::write(parameters, None, &path).expect("written");
-        let weights = StartWeights::read(&path).expect("read");
+        let weights = InitialWeights::read(&path).expect("read");
         config.init_from(0, Some(&weights), device)
     };
     // Disparities of 5.5 and 4.5 pixels: samples between pixels, views that do not agree. At whole

@@ -5,11 +5,14 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use strat_onnx::metadata::Weights;
-use strat_train::config::{Config, Judges, Preset};
+use strat_train::config::{Config, Preset, Sharing};
 use strat_train::device::DeviceChoice;
-use strat_train::network::initial_weights::StartWeights;
-use strat_train::training::run::{Options, Outcome, RunInfo, export_run, run};
-use strat_train::training::trainer::Networks;
+use strat_train::network::initial_weights::InitialWeights;
+use strat_train::training::folder::RunInfo;
+use strat_train::training::model::export_run;
+use strat_train::training::options::{Options, Outcome};
+use strat_train::training::run::run;
+use strat_train::training::trainer::Trainer;
 
 const SMALL: [&str; 6] = [
     "network.width=1/32",
@@ -31,7 +34,7 @@ fn options(root: &Path, out: &str, settings: &[&str]) -> Options {
         data: root.join("set"),
         out: root.join(out),
         device: DeviceChoice::Cpu,
-        helpers: Vec::new(),
+        replicas: Vec::new(),
         resume: false,
         force: false,
         quiet: true,
@@ -72,7 +75,7 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
         ("strat", &[][..]),
         ("random", &["variant=random", "accumulate=2", "batch=1"][..]),
         ("noadv", &["variant=no-adv"][..]),
-        ("per-view", &["discriminator.judges=per-view"][..]),
+        ("per-view", &["discriminator.sharing=per-view"][..]),
     ] {
         let whole = options(folder.path(), &format!("{name}-whole"), settings);
         let outcome = go(&whole);
@@ -206,7 +209,7 @@ fn each_view_can_have_a_discriminator_of_its_own() {
     let settings = ["max_steps=1", "validation.every=0"];
     let shared = options(folder.path(), "shared", &settings);
     let mut own = options(folder.path(), "own", &settings);
-    own.config.discriminator.judges = Judges::PerView;
+    own.config.discriminator.sharing = Sharing::PerView;
     go(&shared);
     go(&own);
     let (one, two) = (run_info(&shared.out), run_info(&own.out));
@@ -218,8 +221,8 @@ fn each_view_can_have_a_discriminator_of_its_own() {
     // Both are trained: neither is what it was before the step, nor are they alike.
     let file = folder.path().join("own.safetensors");
     export_run(&own.out, Some(&file), false, Weights::F32).unwrap();
-    let trained = StartWeights::read(&file).unwrap();
-    let before = Networks::new(&own.config, None, &DeviceChoice::Cpu.open().unwrap());
+    let trained = InitialWeights::read(&file).unwrap();
+    let before = Trainer::new(&own.config, None, &DeviceChoice::Cpu.open().unwrap());
     for parameter in before.all_parameters() {
         if parameter.name.ends_with("stages.0.conv.weight") {
             let after = trained.values(&parameter.name, &parameter.shape).unwrap();
@@ -246,11 +249,11 @@ fn a_run_begins_with_the_weights_of_another() {
 
     // The networks are those of the first run, whatever the seed.
     let mut second = options(folder.path(), "second", &["seed=5", "max_steps=1"]);
-    second.config.start_weights = Some(file.clone());
+    second.config.initial_weights = Some(file.clone());
     let device = DeviceChoice::Cpu.open().unwrap();
-    let start = StartWeights::read(&file).unwrap();
-    let networks = Networks::new(&second.config, Some(&start), &device);
-    let parameters = networks.all_parameters();
+    let start = InitialWeights::read(&file).unwrap();
+    let trainer = Trainer::new(&second.config, Some(&start), &device);
+    let parameters = trainer.all_parameters();
     assert!(
         start
             .check(&parameters)
@@ -268,7 +271,7 @@ fn a_run_begins_with_the_weights_of_another() {
     }
     go(&second);
     let info = run_info(&second.out);
-    assert_eq!(info.start_weights.as_deref(), Some(start.digest()));
+    assert_eq!(info.initial_weights.as_deref(), Some(start.digest()));
     assert!(!info.unknown_start);
 
     // The drives of the first run are remembered, also by a run that is resumed.
@@ -291,13 +294,13 @@ fn a_run_begins_with_the_weights_of_another() {
     let metadata = model.info.metadata().unwrap().clone();
     assert_eq!(
         metadata.unknown_start,
-        Some(StartWeights::read(&file).unwrap().digest().to_owned())
+        Some(InitialWeights::read(&file).unwrap().digest().to_owned())
     );
 
     // A network of another width is refused before anything of the old run is removed.
     second.config.network.width = strat_train::network::layers::Width::new(1, 16).unwrap();
     let text = run(&second).unwrap_err().to_string();
-    assert!(text.contains("start weights"), "{text}");
+    assert!(text.contains("initial weights"), "{text}");
     assert!(second.out.join("model.onnx").is_file());
 }
 
@@ -305,11 +308,11 @@ fn a_run_begins_with_the_weights_of_another() {
 fn devices_that_share_a_step_change_nothing_in_its_result() {
     let folder = set();
     for judges in ["shared", "per-view"] {
-        let judges = format!("discriminator.judges={judges}");
+        let judges = format!("discriminator.sharing={judges}");
         let settings = ["batch=1", "accumulate=4", "epochs=1", &judges];
         let one = options(folder.path(), &format!("one-{judges}"), &settings);
         let mut three = options(folder.path(), &format!("three-{judges}"), &settings);
-        three.helpers = vec![DeviceChoice::Cpu; 2];
+        three.replicas = vec![DeviceChoice::Cpu; 2];
         go(&one);
         go(&three);
         assert_same_run(&one.out, &three.out);
@@ -372,4 +375,88 @@ fn a_number_that_is_none_stops_the_run_and_keeps_the_checkpoint() {
         text.contains("at step") && text.contains("learning_rate"),
         "{text}"
     );
+}
+
+#[test]
+fn a_folder_is_for_one_run_at_a_time() {
+    let folder = set();
+    let mut first = options(folder.path(), "run", &["max_steps=1"]);
+    go(&first);
+    // As long as some process trains there, no other may, whatever it is allowed to replace.
+    let lock = std::fs::File::options()
+        .write(true)
+        .open(first.out.join(".lock"))
+        .unwrap();
+    lock.lock().unwrap();
+    let scalars = bytes(&first.out, "scalars.csv");
+    for (resume, force) in [(true, false), (false, true)] {
+        (first.resume, first.force) = (resume, force);
+        let text = run(&first).unwrap_err().to_string();
+        assert!(text.contains("another training is running"), "{text}");
+    }
+    assert_eq!(bytes(&first.out, "scalars.csv"), scalars);
+    // The lock ends with its holder; the file stays.
+    drop(lock);
+    go(&first);
+}
+
+#[test]
+fn a_checkpoint_of_another_configuration_is_refused() {
+    let folder = set();
+    let mut own = options(folder.path(), "own", &["max_steps=2"]);
+    go(&own);
+    let other = options(folder.path(), "other", &["max_steps=3", "seed=2"]);
+    go(&other);
+    let step = "checkpoints/step-00000003";
+    std::fs::create_dir(own.out.join(step)).unwrap();
+    for entry in std::fs::read_dir(other.out.join(step)).unwrap() {
+        let file = entry.unwrap();
+        std::fs::copy(file.path(), own.out.join(step).join(file.file_name())).unwrap();
+    }
+    own.config.max_steps = None;
+    own.resume = true;
+    let text = run(&own).unwrap_err().to_string();
+    assert!(
+        text.contains("another configuration") && text.contains(step),
+        "{text}"
+    );
+    let text = export_run(&own.out, None, false, Weights::F32)
+        .unwrap_err()
+        .to_string();
+    assert!(text.contains("another configuration"), "{text}");
+    std::fs::remove_dir_all(own.out.join(step)).unwrap();
+    go(&own);
+}
+
+#[test]
+fn both_tables_count_epochs_from_one() {
+    let folder = set();
+    let options = options(folder.path(), "run", &["max_steps=4"]);
+    go(&options);
+    let epochs = |name: &str| -> Vec<String> {
+        let text = String::from_utf8(bytes(&options.out, name)).unwrap();
+        let lines = text
+            .lines()
+            .skip(1)
+            .map(|line| line.split(',').nth(1).unwrap().to_owned());
+        lines.collect()
+    };
+    // Three steps an epoch.
+    assert_eq!(epochs("scalars.csv"), ["1", "1", "1", "2"]);
+    assert_eq!(epochs("validation.csv"), ["1", "2"]);
+}
+
+#[test]
+fn validation_without_its_ground_truth_is_said() {
+    let folder = set();
+    let options = options(
+        folder.path(),
+        "run",
+        &["validation.protocol=eigen-improved"],
+    );
+    let set = strat_store::set::PreparedSet::open(&options.data).unwrap();
+    let validation = strat_train::training::validation::Validation::open(&set, &options.config);
+    let warnings = validation.unwrap().unwrap().warnings;
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    assert!(warnings[0].contains("eigen-improved"), "{}", warnings[0]);
 }

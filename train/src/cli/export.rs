@@ -1,0 +1,51 @@
+//! `train export`: the model or the weights of a run.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use strat_onnx::metadata::Weights;
+use strat_store::command::{CliError, eprint_line, print_line};
+
+use crate::training::model;
+
+/// Which run, and what to write.
+#[derive(Debug, Args)]
+pub(super) struct ExportArgs {
+    /// Run folder.
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+    /// File to write [default: model.onnx in the run folder]. One that ends in .safetensors gets the
+    /// weights of all networks instead, for `initial_weights` or another program.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Export the best checkpoint by validation instead of the newest.
+    #[arg(long)]
+    best: bool,
+    /// Store the weights in half precision: half the size; refused where that changes the output
+    /// by more than the tolerance.
+    #[arg(long)]
+    f16: bool,
+}
+
+pub(super) fn export(args: &ExportArgs) -> Result<(), CliError> {
+    let weights = if args.f16 { Weights::F16 } else { Weights::F32 };
+    let plain = args.out.as_deref().is_some_and(model::is_weights_file);
+    if args.f16 && plain {
+        return Err(CliError::Usage(
+            "--f16 is for the ONNX model; initial weights are written as they are".to_owned(),
+        ));
+    }
+    let exported =
+        model::export_run(&args.run, args.out.as_deref(), args.best, weights).map_err(|error| {
+            CliError::Failed(format!("exporting the run {}: {error}", args.run.display()))
+        })?;
+    for warning in &exported.warnings {
+        eprint_line(warning);
+    }
+    if let Some(parity) = exported.parity {
+        eprint_line(format_args!(
+            "check passed: ONNX and trained network agree to {parity:.1e} of the image width"
+        ));
+    }
+    print_line(exported.path.display())
+}

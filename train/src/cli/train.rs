@@ -1,0 +1,178 @@
+//! `train` itself: a run, new or resumed.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::Args;
+use strat_store::command::{CliError, DONE, FAILED, eprint_line, print, print_line};
+use strat_store::human;
+
+use super::setup::Setup;
+use crate::config::Config;
+use crate::training::options::{Options, Outcome};
+use crate::training::run::run;
+
+/// A training run.
+#[derive(Debug, Args)]
+pub(super) struct TrainArgs {
+    #[command(flatten)]
+    setup: Setup,
+    /// Folder of the prepared set.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Run folder to write.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Continue the run in --out; its configuration is used unless --config is given.
+    #[arg(long, conflicts_with = "force")]
+    resume: bool,
+    /// Replace the run in --out.
+    #[arg(long)]
+    force: bool,
+    /// Begin although the step is predicted not to fit into the memory that is free.
+    #[arg(long)]
+    ignore_memory: bool,
+    /// Stop after this many optimizer steps in all; the schedules stay those of the epochs.
+    #[arg(long, value_name = "N")]
+    max_steps: Option<u64>,
+    /// Show no progress.
+    #[arg(long)]
+    quiet: bool,
+    /// Show the resolved configuration and stop.
+    #[arg(long)]
+    print_config: bool,
+}
+
+/// The configuration that the arguments ask for.
+fn configuration(args: &TrainArgs) -> Result<Config, CliError> {
+    let source = match (&args.setup.config, args.resume, &args.out) {
+        (Some(source), ..) => source.clone(),
+        (None, true, Some(out)) => {
+            let path = out.join("config.yaml");
+            if !path.exists() {
+                return Err(CliError::Usage(format!(
+                    "no training run in {}: there is no config.yaml, so nothing can be resumed",
+                    out.display()
+                )));
+            }
+            path.to_string_lossy().into_owned()
+        }
+        _ => args.setup.named()?.to_owned(),
+    };
+    let mut settings = args.setup.set.clone();
+    if let Some(steps) = args.max_steps {
+        settings.push(format!("max_steps={steps}"));
+    } else if args.resume && args.setup.config.is_none() {
+        // The run's own limit is where it stopped; resuming means to go on from there.
+        settings.push("max_steps=null".to_owned());
+    }
+    args.setup.resolve(&source, &settings)
+}
+
+/// Trains; the exit code.
+pub(super) fn train(args: &TrainArgs) -> Result<u8, CliError> {
+    let config = configuration(args)?;
+    if args.print_config {
+        print(config.to_yaml().map_err(CliError::failed)?)?;
+        return Ok(DONE);
+    }
+    let (device, replicas) = args.setup.devices()?;
+    let devices = replicas.len() + 1;
+    if config.accumulate < devices {
+        return Err(CliError::Usage(format!(
+            "{devices} devices share the batches of a step, but `accumulate` is {}; \
+             --set accumulate={devices} gives each of them one",
+            config.accumulate,
+        )));
+    }
+    let needed = |value: &Option<PathBuf>, sentence: &str| {
+        let value = value.clone();
+        value.ok_or_else(|| CliError::Usage(sentence.to_owned()))
+    };
+    let data = needed(
+        &args.data,
+        "which prepared set? Give --data with a folder that `prep` has written",
+    )?;
+    let out = needed(
+        &args.out,
+        "where to? Give --out with a folder for the run, e.g. --out runs/first",
+    )?;
+    let options = Options {
+        config,
+        data,
+        out,
+        device,
+        replicas,
+        resume: args.resume,
+        force: args.force,
+        quiet: args.quiet,
+        ignore_memory: args.ignore_memory,
+        stop: stop_on_signals(),
+    };
+    let outcome = run(&options).map_err(|error| match error.is_usage() {
+        true => CliError::usage(error),
+        false => CliError::failed(error),
+    })?;
+    conclude(&outcome, &options)
+}
+
+/// Becomes true with the first interrupt (Ctrl-C), termination (a cluster's time limit) or hang-up
+/// (a closed terminal).
+fn stop_on_signals() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    // A second signal does not wait for the step to end. A handler that is already there
+    // (the command called twice in one process) stays.
+    let _ = ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        eprint_line("stopping after this step; a second signal stops at once");
+    });
+    stop
+}
+
+fn conclude(outcome: &Outcome, options: &Options) -> Result<u8, CliError> {
+    let say = |text: String| {
+        if !options.quiet {
+            eprint_line(text);
+        }
+    };
+    say(format!(
+        "{} of {} steps in {}, {:.1} % of it waiting for images",
+        outcome.steps,
+        outcome.planned,
+        human::duration(outcome.seconds),
+        100.0 * outcome.wait_share
+    ));
+    if outcome.broken_pairs > 0 {
+        eprint_line(format_args!(
+            "{} training pairs could not be read and were replaced by others",
+            outcome.broken_pairs
+        ));
+    }
+    if let Some(best) = &outcome.best {
+        say(format!(
+            "best validation {} {:.4} after epoch {}",
+            best.score, best.value, best.epoch
+        ));
+    }
+    if let (Some(model), Some(parity)) = (&outcome.model, outcome.parity) {
+        say(format!(
+            "check passed: ONNX and trained network agree to {parity:.1e} of the image width"
+        ));
+        print_line(model.display())?;
+    }
+    if outcome.interrupted {
+        eprint_line(format_args!(
+            "interrupted after step {}; continue with: train --resume --data {} --out {} --device {}",
+            outcome.steps,
+            options.data.display(),
+            options.out.display(),
+            options.device_names()
+        ));
+        return Ok(FAILED);
+    }
+    Ok(DONE)
+}

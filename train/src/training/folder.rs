@@ -1,0 +1,242 @@
+//! The folder of a run: what lies in it, what it was made with, and whether it may be used.
+//!
+//! It holds the resolved configuration (`config.yaml`), what it was run with (`run.json`), every loss
+//! term of every step (`scalars.csv`), validation scores (`validation.csv`), `checkpoints/`,
+//! `pictures/`, `tensorboard/` and, at the end, `model.onnx`.
+
+use std::fs::{File, TryLockError};
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+use strat_store::files;
+
+use super::checkpoint::{Checkpoint, Checkpoints};
+use crate::config::Config;
+use crate::error::{Error, Result};
+
+const CONFIG: &str = "config.yaml";
+const RUN: &str = "run.json";
+/// Locked while a training runs in the folder; it holds nothing.
+const LOCK: &str = ".lock";
+const CHECKPOINTS: &str = "checkpoints";
+pub(super) const SCALARS: &str = "scalars.csv";
+pub(super) const VALIDATION: &str = "validation.csv";
+pub(super) const PICTURES: &str = "pictures";
+/// Event files for TensorBoard.
+pub(super) const EVENTS: &str = "tensorboard";
+/// Name of the exported model in the run folder.
+pub const MODEL: &str = "model.onnx";
+
+/// What a run was made with; `run.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunInfo {
+    /// Layout version of the run folder.
+    pub format: u32,
+    /// Version of this program.
+    pub tool_version: String,
+    /// Deep-learning library and version.
+    pub framework: String,
+    /// Device it was started on.
+    pub device: String,
+    /// Digest of the settings that decide the weights.
+    pub config_digest: String,
+    /// Digest of the prepared set.
+    pub data_digest: String,
+    /// Digest of the split, where the data is a split of KITTI.
+    pub split_digest: Option<String>,
+    /// "kitti" or "rendered".
+    pub source: String,
+    /// Kernel that the prepared images were resized with.
+    pub kernel: String,
+    /// Training pairs.
+    pub train_pairs: usize,
+    /// Drives that the training pairs come from, and those of the initial weights.
+    pub train_drives: Vec<String>,
+    /// BLAKE3 of the initial weights, if there were any.
+    #[serde(default, alias = "start_weights")]
+    pub initial_weights: Option<String>,
+    /// Whether there were initial weights that do not say what they were trained on.
+    #[serde(default)]
+    pub unknown_start: bool,
+    /// Trained values of the generator.
+    pub generator_parameters: usize,
+    /// Trained values of the discriminator.
+    pub discriminator_parameters: usize,
+}
+
+/// The run folder.
+pub(super) struct RunFolder {
+    root: PathBuf,
+    pub checkpoints: Checkpoints,
+}
+
+impl RunFolder {
+    pub fn new(root: PathBuf) -> Self {
+        let checkpoints = Checkpoints::new(root.join(CHECKPOINTS));
+        Self { root, checkpoints }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.root.join(name)
+    }
+
+    /// Looks at the output folder before any work. True when it holds a run.
+    pub fn examine(&self, resume: bool, force: bool) -> Result<bool> {
+        let is_run = self.path(RUN).exists() && self.path(CONFIG).exists();
+        if is_run && !resume && !force {
+            return Err(Error::RunExists(self.root.clone()));
+        }
+        if !is_run && resume {
+            return Err(Error::NoRun {
+                folder: self.root.clone(),
+                reason: if self.path(CONFIG).exists() {
+                    "it was ended before its first step; start it again without --resume".to_owned()
+                } else {
+                    format!("there is no {RUN}, so nothing can be resumed")
+                },
+            });
+        }
+        if !is_run && self.root.exists() {
+            // What a run leaves that was killed while it began is no reason to refuse.
+            let begun = |name: &str| {
+                [CONFIG, LOCK].contains(&name) || name.starts_with(files::UNFINISHED_PREFIX)
+            };
+            for entry in fs_err::read_dir(&self.root)? {
+                if !begun(&entry?.file_name().to_string_lossy()) {
+                    return Err(Error::NotARun(self.root.clone()));
+                }
+            }
+        }
+        // Find out now, not after hours, whether the folder can be written.
+        files::check_writable(&self.root)?;
+        Ok(is_run)
+    }
+
+    /// Keeps other trainings out of the folder until the lock is dropped or its process ends,
+    /// however it ends.
+    ///
+    /// # Errors
+    /// Another training is running there.
+    pub fn lock(&self) -> Result<File> {
+        let mut options = fs_err::OpenOptions::new();
+        let file = options.create(true).truncate(false).write(true);
+        let file = file.open(self.path(LOCK))?.into_parts().0;
+        match file.try_lock() {
+            Ok(()) => Ok(file),
+            Err(TryLockError::WouldBlock) => Err(Error::InUse(self.root.clone())),
+            Err(TryLockError::Error(error)) => Err(error.into()),
+        }
+    }
+
+    pub fn config(&self) -> Result<Config> {
+        let path = self.path(CONFIG);
+        if !path.exists() {
+            return Err(Error::NoRun {
+                folder: self.root.clone(),
+                reason: format!("there is no {CONFIG}"),
+            });
+        }
+        Ok(strat_store::yaml::load(&path)?)
+    }
+
+    pub fn info(&self) -> Result<RunInfo> {
+        let bytes = fs_err::read(self.path(RUN))?;
+        serde_json::from_slice(&bytes).map_err(|error| Error::NoRun {
+            folder: self.root.clone(),
+            reason: format!("{RUN} is damaged: {error}"),
+        })
+    }
+
+    /// What the run was made with; refuses to resume with settings or data that would give other weights.
+    pub fn check_same(
+        &self,
+        config: &Config,
+        config_digest: &str,
+        data_digest: &str,
+    ) -> Result<RunInfo> {
+        let info = self.info()?;
+        let refuse = |reason: String| {
+            Err(Error::CannotResume {
+                folder: self.root.clone(),
+                reason,
+            })
+        };
+        if info.data_digest != data_digest {
+            return refuse(format!(
+                "it was trained on another prepared set (digest {:.12}, now {data_digest:.12})",
+                info.data_digest
+            ));
+        }
+        // The run may be older than some setting: then its digest lacks that setting's default.
+        let own = self.config()?;
+        if info.config_digest != config_digest && own.digest()? != config_digest {
+            let (before, now) = (own.to_yaml()?, config.to_yaml()?);
+            let changed: Vec<String> = before
+                .lines()
+                .zip(now.lines())
+                .filter(|(before, now)| before != now)
+                .map(|(before, now)| format!("`{}` is now `{}`", before.trim(), now.trim()))
+                .collect();
+            return refuse(format!("its settings differ: {}", changed.join("; ")));
+        }
+        Ok(info)
+    }
+
+    /// The newest checkpoint that is whole, and a sentence for each newer one that is not.
+    ///
+    /// # Errors
+    /// When it was not made by this run, or the folder cannot be read.
+    pub fn newest(&self, info: &RunInfo) -> Result<(Option<Checkpoint>, Vec<String>)> {
+        let (newest, warnings) = self.checkpoints.load_newest()?;
+        if let Some(checkpoint) = &newest {
+            self.check_own(checkpoint, info)?;
+        }
+        Ok((newest, warnings))
+    }
+
+    /// Refuses a checkpoint of another configuration or another prepared set.
+    pub fn check_own(&self, checkpoint: &Checkpoint, info: &RunInfo) -> Result<()> {
+        let state = &checkpoint.state;
+        let refuse = |what: &str, found: &str, own: &str| {
+            Err(Error::Checkpoint {
+                folder: self.checkpoints.path(state.step),
+                reason: format!(
+                    "it was made with another {what} (digest {found:.12}, this run has {own:.12}), so \
+                     it belongs to another run; move it away"
+                ),
+            })
+        };
+        if state.config_digest != info.config_digest {
+            return refuse("configuration", &state.config_digest, &info.config_digest);
+        }
+        if state.data_digest != info.data_digest {
+            return refuse("prepared set", &state.data_digest, &info.data_digest);
+        }
+        Ok(())
+    }
+
+    /// Writes what is known at the start; a new run first removes what an old one left.
+    pub fn prepare(&self, config: &Config, info: &RunInfo, resumed: bool) -> Result<()> {
+        if !resumed {
+            // First what makes the folder a run: killed here, it is none, and can be started again.
+            for name in [RUN, SCALARS, VALIDATION, MODEL] {
+                let path = self.path(name);
+                if path.exists() {
+                    fs_err::remove_file(path)?;
+                }
+            }
+            for name in [CHECKPOINTS, PICTURES, EVENTS] {
+                let path = self.path(name);
+                if path.exists() {
+                    fs_err::remove_dir_all(path)?;
+                }
+            }
+        }
+        files::write_atomic(&self.path(CONFIG), config.to_yaml()?.as_bytes())?;
+        let mut text =
+            serde_json::to_string_pretty(info).map_err(|error| Error::Config(error.to_string()))?;
+        text.push('\n');
+        files::write_atomic(&self.path(RUN), text.as_bytes())?;
+        Ok(())
+    }
+}

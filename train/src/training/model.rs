@@ -1,0 +1,126 @@
+//! The model of a run: what its file says of it, and its export from a checkpoint.
+
+use std::path::{Path, PathBuf};
+
+use strat_onnx::metadata::{InputRange, ModelMetadata, OutputMeaning, Weights};
+
+use super::checkpoint::State;
+use super::folder::{MODEL, RunFolder, RunInfo};
+use super::trainer::Trainer;
+use crate::config::{Config, Objective};
+use crate::device::DeviceChoice;
+use crate::error::{Error, Result};
+use crate::export;
+use crate::network::generator::Generator;
+use crate::network::initial_weights;
+
+/// Whether [`export_run`] writes weights instead of a model to this file.
+#[must_use]
+pub fn is_weights_file(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|extension| extension == "safetensors")
+}
+
+/// What [`export_run`] has written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Exported {
+    /// The file.
+    pub path: PathBuf,
+    /// Largest difference between the trained network and the file, in fractions of the image
+    /// width; none for weights, which are written as they are.
+    pub parity: Option<f64>,
+    /// Sentences about checkpoints that could not be used.
+    pub warnings: Vec<String>,
+}
+
+/// Writes the model of a finished or interrupted run from its newest (or best) checkpoint: ONNX, or
+/// the weights of all its networks where `out` ends in `.safetensors`.
+///
+/// # Errors
+/// When the folder holds no run, no usable checkpoint, or the model cannot be written.
+pub fn export_run(
+    run: &Path,
+    out: Option<&Path>,
+    best: bool,
+    weights: Weights,
+) -> Result<Exported> {
+    let folder = RunFolder::new(run.to_path_buf());
+    let config: Config = folder.config()?;
+    let info = folder.info()?;
+    let (newest, warnings) = folder.newest(&info)?;
+    let checkpoint = newest.ok_or_else(|| Error::NoRun {
+        folder: run.to_path_buf(),
+        reason: "it has no usable checkpoint".to_owned(),
+    })?;
+    let checkpoint = match (best, &checkpoint.state.best) {
+        (false, _) => checkpoint,
+        (true, Some(best)) => {
+            let best = folder.checkpoints.load(best.step)?;
+            folder.check_own(&best, &info)?;
+            best
+        }
+        (true, None) => {
+            return Err(Error::NoRun {
+                folder: run.to_path_buf(),
+                reason: "no validation has named a best checkpoint".to_owned(),
+            });
+        }
+    };
+    let device = DeviceChoice::Cpu.open()?;
+    let path = folder.checkpoints.path(checkpoint.state.step);
+    let trainer = Trainer::from_checkpoint(&config, &device, &checkpoint, &path)?;
+    let path = out.map_or_else(|| run.join(MODEL), Path::to_path_buf);
+    if is_weights_file(&path) {
+        // Without the list of drives the file says that its training is unknown, as it is.
+        let drives = (!info.unknown_start).then_some(info.train_drives.as_slice());
+        initial_weights::write(&trainer.all_parameters(), drives, &path)?;
+        return Ok(Exported {
+            path,
+            parity: None,
+            warnings,
+        });
+    }
+    let state = &checkpoint.state;
+    let generator = trainer.generator();
+    let parity = export_model(&generator, &config, &info, state, weights, &path)?;
+    Ok(Exported {
+        path,
+        parity: Some(parity),
+        warnings,
+    })
+}
+
+pub(super) fn export_model(
+    generator: &Generator,
+    config: &Config,
+    info: &RunInfo,
+    state: &State,
+    weights: Weights,
+    path: &Path,
+) -> Result<f64> {
+    let mut metadata = ModelMetadata::new(
+        OutputMeaning::DisparityFraction,
+        InputRange::Unit,
+        config.input.width,
+        config.input.height,
+    );
+    metadata.kernel = Some(info.kernel.clone());
+    metadata.train_data_digest = Some(info.data_digest.clone());
+    metadata.split = Some(config.split.to_string());
+    metadata.train_drives = info.train_drives.clone();
+    metadata.unknown_start = info.initial_weights.clone().filter(|_| info.unknown_start);
+    metadata.variant = Some(variant_name(config).to_owned());
+    metadata.seed = Some(config.seed);
+    metadata.epoch = u32::try_from(state.step / state.steps_per_epoch.max(1)).ok();
+    metadata.tool_version = Some(info.tool_version.clone());
+    metadata.weights = weights;
+    export::export(generator, &metadata, path).map_err(|error| Error::Export(error.to_string()))
+}
+
+/// What the model's metadata calls the method.
+pub(super) fn variant_name(config: &Config) -> &'static str {
+    match config.objective {
+        Objective::Strat => config.variant.name(),
+        Objective::Monodepth => "monodepth",
+    }
+}
