@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use strat_store::command::{USAGE, exit_code};
+use strat_store::command::{CliError, USAGE, exit_code};
 
 /// Result of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -178,6 +178,15 @@ impl Error {
             | Self::Memory(_)
             | Self::Export(_)
             | Self::Threads(_) => false,
+        }
+    }
+}
+
+impl From<Error> for CliError {
+    fn from(error: Error) -> Self {
+        match error.is_usage() {
+            true => Self::usage(error),
+            false => Self::failed(error),
         }
     }
 }

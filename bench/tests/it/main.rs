@@ -7,6 +7,7 @@ mod cues;
 mod devices;
 mod figures;
 mod fixtures;
+mod forms;
 mod latency;
 mod predict;
 mod report;

@@ -37,7 +37,7 @@ pub(super) fn estimate(args: &EstimateArgs) -> Result<(), CliError> {
     let config = args.setup.resolve(args.setup.named()?, &args.setup.set)?;
     let (device, _) = args.setup.devices()?;
     // Opened here first for its sentence; the measurements are processes of their own.
-    device.open().map_err(CliError::usage)?;
+    device.open()?;
     let mut measured = Vec::new();
     for batch in &args.measure {
         eprint_line(format_args!("measuring batch {batch}"));
@@ -126,5 +126,5 @@ fn measure_apart(args: &EstimateArgs, batch: u32) -> Result<Measured, CliError> 
 pub(super) fn measure(args: &EstimateArgs) -> Result<(), CliError> {
     let config = args.setup.resolve(args.setup.named()?, &args.setup.set)?;
     let (device, _) = args.setup.devices()?;
-    print_json(&memory::measure(&config, device).map_err(CliError::failed)?)
+    print_json(&memory::measure(&config, device)?)
 }

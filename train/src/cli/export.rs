@@ -35,10 +35,7 @@ pub(super) fn export(args: &ExportArgs) -> Result<(), CliError> {
             "--f16 is for the ONNX model; initial weights are written as they are".to_owned(),
         ));
     }
-    let exported =
-        model::export_run(&args.run, args.out.as_deref(), args.best, weights).map_err(|error| {
-            CliError::Failed(format!("exporting the run {}: {error}", args.run.display()))
-        })?;
+    let exported = model::export_run(&args.run, args.out.as_deref(), args.best, weights)?;
     for warning in &exported.warnings {
         eprint_line(warning);
     }

@@ -74,7 +74,7 @@ fn configuration(args: &TrainArgs) -> Result<Config, CliError> {
 pub(super) fn train(args: &TrainArgs) -> Result<u8, CliError> {
     let config = configuration(args)?;
     if args.print_config {
-        print(config.to_yaml().map_err(CliError::failed)?)?;
+        print(config.to_yaml()?)?;
         return Ok(DONE);
     }
     let (device, replicas) = args.setup.devices()?;
@@ -110,11 +110,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<u8, CliError> {
         ignore_memory: args.ignore_memory,
         stop: stop_on_signals(),
     };
-    let outcome = run(&options).map_err(|error| match error.is_usage() {
-        true => CliError::usage(error),
-        false => CliError::failed(error),
-    })?;
-    conclude(&outcome, &options)
+    conclude(&run(&options)?, &options)
 }
 
 /// Becomes true with the first interrupt (Ctrl-C), termination (a cluster's time limit) or hang-up

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use image::RgbImage;
+use strat_onnx::metadata::{Spread, TrainingCamera};
 use strat_splits::Role;
 use strat_store::image_files::read_rgb;
 use strat_store::resize::{self, Kernel};
@@ -46,6 +47,8 @@ struct Entry {
     drive: String,
     left: PathBuf,
     right: PathBuf,
+    /// Focal length as a fraction of the width and baseline in metres; 0 where not known.
+    camera: [f64; 2],
 }
 
 struct Inner {
@@ -85,6 +88,7 @@ impl Pairs {
                 Some(Entry {
                     left: set.path(&sample.left),
                     right,
+                    camera: [sample.focal_px / f64::from(sample.width), sample.baseline_m],
                     drive: sample.drive().to_owned(),
                     id: sample.id,
                 })
@@ -133,6 +137,16 @@ impl Pairs {
             .map(|entry| entry.drive.as_str())
             .collect();
         drives.into_iter().map(str::to_owned).collect()
+    }
+
+    /// The cameras of the pairs, each pair counting once; none where one pair's is not known.
+    #[must_use]
+    pub fn camera(&self) -> Option<TrainingCamera> {
+        let spread = |index: usize| Spread::of(self.0.entries.iter().map(|e| e.camera[index]));
+        Some(TrainingCamera {
+            focal_fraction: spread(0)?,
+            baseline_m: spread(1)?,
+        })
     }
 
     /// Pairs found unreadable so far.
@@ -254,9 +268,18 @@ pub(super) mod tests {
                     id: index.to_string(),
                     left,
                     right,
+                    camera: [0.5 + index as f64 / 16.0, 0.25],
                 }
             })
             .collect();
         (folder, Pairs::new(entries, 8, 4, true))
+    }
+
+    #[test]
+    fn a_camera_is_the_mean_over_the_pairs() {
+        let (_folder, pairs) = flat_pairs(3, &[]);
+        let camera = pairs.camera().unwrap();
+        assert_eq!(camera.focal_fraction.to_string(), "0.5625 0.5 0.625");
+        assert_eq!(camera.baseline_m.to_string(), "0.25");
     }
 }

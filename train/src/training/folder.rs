@@ -8,6 +8,7 @@ use std::fs::{File, TryLockError};
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
+use strat_onnx::metadata::TrainingCamera;
 use strat_store::files;
 
 use super::checkpoint::{Checkpoint, Checkpoints};
@@ -58,6 +59,9 @@ pub struct RunInfo {
     /// Whether there were initial weights that do not say what they were trained on.
     #[serde(default)]
     pub unknown_start: bool,
+    /// The cameras of the training pairs; none where the set does not know them.
+    #[serde(default)]
+    pub camera: Option<TrainingCamera>,
     /// Trained values of the generator.
     pub generator_parameters: usize,
     /// Trained values of the discriminator.

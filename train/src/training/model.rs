@@ -109,6 +109,7 @@ pub(super) fn export_model(
     metadata.split = Some(config.split.to_string());
     metadata.train_drives = info.train_drives.clone();
     metadata.unknown_start = info.initial_weights.clone().filter(|_| info.unknown_start);
+    metadata.camera = info.camera;
     metadata.variant = Some(variant_name(config).to_owned());
     metadata.seed = Some(config.seed);
     metadata.epoch = u32::try_from(state.step / state.steps_per_epoch.max(1)).ok();

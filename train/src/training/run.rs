@@ -104,6 +104,7 @@ pub fn run(options: &Options) -> Result<Outcome> {
         train_drives: origin.drives,
         initial_weights: origin.initial_weights,
         unknown_start: origin.unknown_start,
+        camera: pairs.camera(),
         generator_parameters,
         discriminator_parameters,
     };

@@ -460,3 +460,15 @@ fn validation_without_its_ground_truth_is_said() {
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(warnings[0].contains("eigen-improved"), "{}", warnings[0]);
 }
+
+#[test]
+fn a_model_names_the_camera_it_was_trained_with() {
+    let folder = set();
+    let options = options(folder.path(), "run", &["max_steps=1"]);
+    let outcome = go(&options);
+    let model = strat_onnx::model::read(outcome.model.unwrap()).unwrap();
+    let camera = model.info.metadata().unwrap().camera.unwrap();
+    // 75 px of 128, 0.54 m, the same for all pairs.
+    assert_eq!(camera.focal_fraction.to_string(), "0.5859375");
+    assert_eq!(camera.baseline_m.to_string(), "0.54");
+}

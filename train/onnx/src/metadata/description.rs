@@ -4,6 +4,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use super::camera::TrainingCamera;
 use super::probe::{PROBE_IMAGE, PROBE_POINTS, Probe};
 use super::words::{InputRange, OutputMeaning, Weights};
 use crate::proto::StringStringEntryProto;
@@ -39,6 +40,9 @@ pub struct ModelMetadata {
     /// trained on: `train_drives` is then not the whole list.
     #[serde(default)]
     pub unknown_start: Option<String>,
+    /// The cameras of the training pairs; none where the set does not know them.
+    #[serde(default)]
+    pub camera: Option<TrainingCamera>,
     /// Name of the training variant.
     pub variant: Option<String>,
     /// Seed of the training run.
@@ -85,6 +89,7 @@ impl ModelMetadata {
             split: None,
             train_drives: Vec::new(),
             unknown_start: None,
+            camera: None,
             variant: None,
             seed: None,
             epoch: None,
@@ -117,6 +122,13 @@ impl ModelMetadata {
             (!self.train_drives.is_empty()).then(|| self.train_drives.join(" ")),
         );
         put("unknown_start", self.unknown_start.clone());
+        if let Some(camera) = &self.camera {
+            put(
+                "train_focal_fraction",
+                Some(camera.focal_fraction.to_string()),
+            );
+            put("train_baseline_m", Some(camera.baseline_m.to_string()));
+        }
         put("variant", self.variant.clone());
         put("seed", self.seed.map(|seed| seed.to_string()));
         put("epoch", self.epoch.map(|epoch| epoch.to_string()));
@@ -203,6 +215,7 @@ impl ModelMetadata {
                 .map(|names| names.split_whitespace().map(str::to_owned).collect())
                 .unwrap_or_default();
             metadata.unknown_start = fields.text("unknown_start");
+            metadata.camera = fields.camera();
             metadata.variant = fields.text("variant");
             metadata.seed = fields.parse("seed", "a whole number");
             metadata.epoch = fields.parse("epoch", "a whole number");
@@ -255,6 +268,16 @@ impl<'a> Fields<'a> {
             self.problems.push(format!("\"{PREFIX}{key}\" is missing"));
         }
         self.parse(key, kind)
+    }
+
+    fn camera(&mut self) -> Option<TrainingCamera> {
+        let kind = "a number or a mean between its bounds";
+        let focal_fraction = self.parse("train_focal_fraction", kind);
+        let baseline_m = self.parse("train_baseline_m", kind);
+        Some(TrainingCamera {
+            focal_fraction: focal_fraction?,
+            baseline_m: baseline_m?,
+        })
     }
 
     fn probe(&mut self) -> Option<Probe> {

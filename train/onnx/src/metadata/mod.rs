@@ -6,10 +6,12 @@
 //! not. What the output of a foreign model means is not guessed here; `bench` has a description
 //! file for that.
 
+mod camera;
 mod description;
 mod probe;
 mod words;
 
+pub use camera::{Spread, TrainingCamera};
 pub use description::{FORMAT, ModelMetadata, Reading};
 pub use probe::{Probe, ProbeError, probe_image};
 pub use words::{InputRange, OutputMeaning, Weights};

@@ -14,6 +14,7 @@ fn full() -> ModelMetadata {
             "2011_09_30_drive_0020".into(),
         ],
         unknown_start: Some("ff00".into()),
+        camera: Some(camera([0.58, 0.57, 0.585], 0.54)),
         variant: Some("strat".into()),
         seed: Some(u64::MAX),
         epoch: Some(50),
@@ -197,4 +198,54 @@ proptest! {
         props[key].1 = value;
         let _ = read(&props);
     }
+}
+
+fn camera(focal: [f64; 3], baseline: f64) -> TrainingCamera {
+    let [mean, lowest, highest] = focal;
+    TrainingCamera {
+        focal_fraction: Spread {
+            mean,
+            lowest,
+            highest,
+        },
+        baseline_m: Spread::of([baseline]).unwrap(),
+    }
+}
+
+#[test]
+fn the_cameras_of_a_training_come_back() {
+    let one = Spread::of([0.58, 0.58, 0.58]).unwrap();
+    assert_eq!(one.to_string(), "0.58");
+    assert_eq!("0.58".parse(), Ok(one));
+    // 5/8 and 1/8 are exact.
+    let several = Spread::of([0.625, 0.125, 0.125, 0.125]).unwrap();
+    assert_eq!(several.to_string(), "0.25 0.125 0.625");
+    assert_eq!("0.25 0.125 0.625".parse(), Ok(several));
+    assert_eq!(Spread::of([]), None);
+    assert_eq!(Spread::of([0.5, 0.0]), None);
+    assert_eq!(Spread::of([f64::NAN]), None);
+    for text in ["", "x", "1 2", "0", "-1", "0.5 0.6 0.7", "inf", "1 0.5 NaN"] {
+        assert!(text.parse::<Spread>().is_err(), "{text}");
+    }
+    // A camera of which one half is damaged is none, and said.
+    let reading = with("strat.train_baseline_m", Some("wide"));
+    assert_eq!(reading.metadata.unwrap().camera, None);
+    assert!(
+        reading.problems[0].contains("train_baseline_m"),
+        "{:?}",
+        reading.problems
+    );
+}
+
+#[test]
+fn another_camera_than_the_trainings_is_said() {
+    let kitti = camera([0.58, 0.57, 0.585], 0.54);
+    assert_eq!(kitti.difference(0.58, 0.54), None);
+    assert_eq!(kitti.difference(0.56, 0.532), None);
+    let text = kitti.difference(0.58, 0.16).unwrap();
+    assert!(
+        text.contains("0.540 m") && text.contains("0.160 m"),
+        "{text}"
+    );
+    assert!(kitti.difference(0.8, 0.54).is_some());
 }

@@ -1,4 +1,5 @@
 //! ONNX files as others write, read and damage them.
 
+mod forms;
 mod network;
 mod robustness;

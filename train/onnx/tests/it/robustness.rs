@@ -287,7 +287,7 @@ fn external_weights_stay_inside_the_folder() {
     assert!(text("weights.data", &[("offset", "8")]).contains("truncated"));
     assert!(text("weights.data", &[("offset", "18446744073709551615")]).contains("truncated"));
     assert!(text("weights.data", &[("length", "8")]).contains("8 bytes"));
-    assert!(text("weights.data", &[("offset", "-1")]).contains("no number"));
+    assert!(text("weights.data", &[("offset", "-1")]).contains("not a number"));
     #[cfg(unix)]
     {
         std::os::unix::fs::symlink(outer.path().join("secret"), folder.join("link.data")).unwrap();
