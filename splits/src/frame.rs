@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// A name that is no KITTI day, drive or frame.
+/// Text that does not name a KITTI day, drive or frame.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{text}` is not a KITTI {kind} name; expected something like `{example}`")]
 pub struct ParseIdError {

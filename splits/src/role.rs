@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// A name that is no split.
+/// An unknown split.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("there is no split `{0}`; the splits are `kitti` and `eigen`")]
 pub struct ParseSplitError(String);

@@ -120,6 +120,55 @@ def _():
     return [inference.wilcoxon_normal(ties)]
 
 
+STEREO_2015 = [2, 6, 5, 4, 12, 9, 4, 7, 3, 3, 2, 8, 2, 10, 2, 2, 11, 7, 6, 10, 2, 3, 3, 5, 2, 1, 8, 2, 1]
+STEREO_2015 += [2, 3, 1, 1, 6, 8, 4, 1, 3, 29]
+
+
+@recipe("metrics/t")
+def _():
+    return [inference.student_t(degrees) for degrees in (1, 1.64, 2.5, 9, 27, 38.25)]
+
+
+@recipe("metrics/degrees")
+def _():
+    """Four drives, the Eigen test, and the 29 drives and ten runs of stereo 2015."""
+    drives = ([3, 5, 2, 9], [25] * 27 + [22], STEREO_2015)
+    return [inference.degrees_of_freedom(images) for images in drives]
+
+
+@recipe("metrics/intervals")
+def _():
+    sums, images = [0.31, 0.64, 0.18, 1.35], [3, 5, 2, 9]
+    return [inference.interval(sums, images, kind) for kind in ("any", "positive", "fraction")]
+
+
+@recipe("metrics/drives")
+def _():
+    """Nine drives of four images, the last with one: Abs Rel, accuracy, D1 in percent, pooled RMSE."""
+    frames = [[(drive * 5 + frame * 3 % 7) / 100 for frame in range(4)] for drive in range(9)]
+    frames[8] = frames[8][:1]
+    images = [len(values) for values in frames]
+    errors = [sum(values) for values in frames]
+    pixels = [count * (50 + 10 * drive) for drive, count in enumerate(images)]
+    accuracies = [count - error for count, error in zip(images, errors)]
+    wrong = inference.interval([0.1 * error for error in errors], images, "fraction")
+    squared = inference.interval([100 * error for error in errors], pixels, "positive")
+    return [
+        inference.interval(errors, images, "positive"),
+        inference.interval(accuracies, images, "fraction"),
+        [100 * bound for bound in wrong],
+        [bound**0.5 for bound in squared],
+    ]
+
+
+@recipe("metrics/difference")
+def _():
+    """Two models over images 1 to 23, three a drive but two of the first."""
+    drives = [[i for i in range(3 * drive, 3 * drive + 3) if i > 0] for drive in range(8)]
+    sums = [sum(-0.01 + 0.002 * (i % 5) for i in drive) for drive in drives]
+    return inference.interval(sums, [len(drive) for drive in drives], "any")
+
+
 # Splits.
 
 

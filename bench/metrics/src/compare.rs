@@ -522,7 +522,7 @@ mod tests {
         }
     }
 
-    /// Recipe: numpy as in `interval`'s tests, for differences of -0.01 + 0.002 (i mod 5) in images 1
+    /// Recipe: make_golden.py metrics/difference, for differences of -0.01 + 0.002 (i mod 5) in images 1
     /// to 23 of eight drives.
     #[test]
     fn the_interval_of_a_difference_is_that_of_numpy() {

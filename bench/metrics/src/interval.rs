@@ -207,7 +207,8 @@ mod tests {
         assert!((found - expected).abs() < 1e-10, "{found} {expected}");
     }
 
-    /// Recipe: scipy 1.17.1, `stats.t.ppf(0.975, df)`.
+    /// Recipe: make_golden.py metrics/t. These digits, and the last value, are those of scipy 1.17.1,
+    /// `stats.t.ppf(0.975, df)`.
     #[test]
     fn quantiles_are_those_of_scipy() {
         for (degrees, expected) in [
@@ -223,8 +224,8 @@ mod tests {
         }
     }
 
-    /// Recipe: numpy, D = diag(1 / (1 - h)), A = I - n 1' / N, M = D A diag(n) A' D and
-    /// trace(M)^2 / trace(M M), h = n / N. Equal drives have one degree less than their number.
+    /// Recipe: make_golden.py metrics/degrees, with the matrices of which this is the short form. Equal
+    /// drives have one degree less than their number.
     #[test]
     fn degrees_of_freedom_are_those_of_the_matrices() {
         close(
@@ -241,9 +242,7 @@ mod tests {
         );
     }
 
-    /// Recipe: numpy, the ratio of sums without each drive in turn, r_j; standard error
-    /// sqrt(3 / 4 sum (r_j - r)^2), scipy's t with the degrees of freedom above; on the scale of the
-    /// logarithm divided by r, of log odds by r (1 - r).
+    /// Recipe: make_golden.py metrics/intervals, from the ratios without each drive in turn.
     #[test]
     fn intervals_of_four_drives_are_those_of_numpy() {
         let drives = [(0.31, 3.0), (0.64, 5.0), (0.18, 2.0), (1.35, 9.0)];

@@ -283,9 +283,7 @@ mod tests {
     }
 
     /// Nine drives of four images, the last with one, and more pixels from drive to drive. Recipe:
-    /// numpy, for each figure its ratio of sums r, the ratios without a drive in turn, standard error
-    /// sqrt(8 / 9 sum (r_j - r)^2), scipy's t for the degrees of freedom of Bell and McCaffrey; errors
-    /// on the scale of the logarithm, accuracy and D1 on that of log odds, the root last.
+    /// make_golden.py metrics/drives.
     #[test]
     fn every_figure_has_its_interval() {
         let mut rows = frames(9, 4, |drive, frame| {

@@ -58,9 +58,9 @@ pub(super) fn run(args: &ProtocolsArgs) -> anyhow::Result<u8> {
             tables.join(", ")
         );
     }
-    text += "\nEach name also takes -median (median scaling), -pp (flip post-processing), -distance (scores\n\
-             by true depth) and another crop (-nocrop, -garg, -eigencrop). `bench protocols NAME` states the rules,\n\
-             `bench protocols diff A B` what differs.\n";
+    text += "\nEach name also takes another crop (-nocrop, -garg, -eigencrop), -pp (flip post-processing), -distance\n\
+             (scores by true depth) and -median (median scaling), in any order. `bench protocols NAME` states the\n\
+             rules, `bench protocols diff A B` what differs.\n";
     print(text)?;
     Ok(DONE)
 }

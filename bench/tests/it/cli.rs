@@ -1,5 +1,6 @@
 //! The `bench` command from outside: files in, tables and exit codes out.
 
+use std::collections::BTreeSet;
 use std::fs;
 
 use assert_cmd::Command;
@@ -365,6 +366,22 @@ fn a_foreign_model_is_read_with_its_description() {
     assert_eq!(row.context.protocol, "kitti2015-median");
     assert!(row.score.metrics.abs_rel < 1e-6);
     assert!(world.path("inverse/table_3_1-median.txt").is_file());
+    // Asked for with the suffix as well, and in two orders: one protocol each, also the second time.
+    let suffixes = ["-median", "-median-pp", "-pp-median"].map(|s| format!("kitti2015{s}"));
+    let mut asked = more.to_vec();
+    for name in &suffixes {
+        asked.extend(["--protocol", name]);
+    }
+    for _ in 0..2 {
+        world.bench("3.1", "asked", &asked).code(0);
+        let rows = world.rows("asked");
+        let names: BTreeSet<_> = rows.iter().map(|row| &row.context.protocol).collect();
+        assert_eq!(
+            Vec::from_iter(names),
+            ["kitti2015-median", "kitti2015-pp-median"]
+        );
+        assert_eq!(rows.len(), 4, "two images each");
+    }
 
     // 1.28 m where 6.27 m are true.
     fs::write(&yaml, description("depth_m")).unwrap();

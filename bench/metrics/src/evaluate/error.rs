@@ -72,7 +72,7 @@ pub enum EvaluateError {
     /// No pixel passed the protocol's mask, or none of its groups occurs.
     #[error(
         "no pixel of this image is left under protocol {name} ({with_truth} pixels have ground \
-         truth); an average over nothing is no number, so the image gets no score"
+         truth); an average over nothing is not a number, so the image gets no score"
     )]
     NothingToScore {
         /// Name of the protocol.

@@ -780,7 +780,7 @@ proptest! {
     }
 
     #[test]
-    fn after_median_scaling_the_unit_of_depth_is_of_no_matter(
+    fn after_median_scaling_the_unit_of_depth_is_irrelevant(
         depths in proptest::collection::vec([1.0_f32..79.0, 1.0_f32..79.0], 4),
     ) {
         let depth_m: Vec<f32> = depths.iter().map(|d| d[0]).collect();

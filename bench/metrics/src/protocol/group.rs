@@ -135,7 +135,7 @@ impl Group {
         })
     }
 
-    /// Group of a true depth in metres; none of what is no distance.
+    /// Group of a true depth in metres; none for zero and for what is not a number.
     pub fn of_depth(depth_m: f64) -> Option<Self> {
         Self::DISTANCES.into_iter().find(|group| {
             group

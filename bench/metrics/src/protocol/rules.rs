@@ -57,7 +57,7 @@ pub struct Protocol {
 }
 
 impl Protocol {
-    /// A sentence if the choices contradict each other or are no usable numbers.
+    /// A sentence if choices contradict each other or a number cannot be used.
     ///
     /// # Errors
     /// That sentence, without the protocol's name.

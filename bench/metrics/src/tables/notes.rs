@@ -63,10 +63,8 @@ pub(super) fn remarks(table: ThesisTable, parts: &[Part<'_>], coverage: &Coverag
         .flat_map(|part| &part.models)
         .any(|model| model.images() < coverage.expected_images);
     if incomplete {
-        remarks.push(
-            "Measured figures over part of the images do not compete with published ones."
-                .to_owned(),
-        );
+        remarks
+            .push("Only part of the images, so not ranked against published numbers.".to_owned());
     }
     for part in parts.iter().filter(|part| !part.is_own()) {
         remarks.push(format!(

@@ -105,7 +105,7 @@ fn table_3_2() -> Table {
 fn table_3_1_as_text() {
     insta::assert_snapshot!(table_3_1().text(), @"
     Table 3.1, KITTI split: 36 of 200 images; protocol kitti2015 a569e08a7e07; data 0f1e2d3c4b5a
-    Measured figures over part of the images do not compete with published ones.
+    Only part of the images, so not ranked against published numbers.
     ────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
     Method                       Origin     Supervision      Images  Abs Rel   Sq Rel     RMSE  RMSE log   δ<1.25  δ<1.25²  δ<1.25³  D1-all
     ────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────────
@@ -132,7 +132,7 @@ fn table_3_1_as_markdown() {
     insta::assert_snapshot!(table_3_1().markdown(), @r"
     ### Table 3.1, KITTI split: 36 of 200 images; protocol kitti2015 a569e08a7e07; data 0f1e2d3c4b5a
 
-    **Measured figures over part of the images do not compete with published ones.**
+    **Only part of the images, so not ranked against published numbers.**
 
     | Method | Origin | Supervision | Images | Abs Rel | Sq Rel | RMSE | RMSE log | δ&lt;1.25 | δ&lt;1.25² | δ&lt;1.25³ | D1-all |
     | --- | --- | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
@@ -161,7 +161,7 @@ fn table_3_1_as_latex() {
     % needs \usepackage{booktabs} and \usepackage{xcolor}
     \begin{table}
     \centering
-    \caption{Table 3.1, KITTI split: 36 of 200 images; protocol kitti2015 a569e08a7e07; data 0f1e2d3c4b5a. Measured figures over part of the images do not compete with published ones.}
+    \caption{Table 3.1, KITTI split: 36 of 200 images; protocol kitti2015 a569e08a7e07; data 0f1e2d3c4b5a. Only part of the images, so not ranked against published numbers.}
     \label{tab:strat-3-1}
     \begin{tabular}{llllrrrrrrrr}
     \toprule
