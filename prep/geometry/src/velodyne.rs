@@ -24,6 +24,44 @@ pub enum ScanError {
     /// No points at all.
     #[error("the Velodyne scan is empty (0 bytes)")]
     Empty,
+    /// Rows of something else.
+    #[error(
+        "a Velodyne scan is rows of x, y, z and reflectance in 32-bit floats, but in {percent} % of the \
+         rows the fourth number is no reflectance (0 to 1, or to 255); it has another number of columns or \
+         another type: save points[:, :4].astype('<f4')"
+    )]
+    NoReflectance {
+        /// Rows, of those looked at.
+        percent: u64,
+    },
+}
+
+/// Tells scans from rows of another width or type, in which the fourth number is now a coordinate, now
+/// half of a 64-bit float: a third or more of them are negative or far too large.
+#[derive(Debug, Clone, Copy, Default)]
+struct Reflectance {
+    rows: u64,
+    odd: u64,
+}
+
+impl Reflectance {
+    #[inline(always)]
+    fn look_at(&mut self, &[x, y, z, reflectance]: &[f32; 4]) {
+        // Rows of NaN are how some programs mark what was not measured.
+        let measured = x.is_finite() & y.is_finite() & z.is_finite();
+        self.rows += u64::from(measured);
+        self.odd += u64::from(measured & !(0.0..=255.0).contains(&reflectance));
+    }
+
+    /// One row in a hundred may be damaged.
+    fn check(self) -> Result<(), ScanError> {
+        match self.odd * 100 > self.rows {
+            true => Err(ScanError::NoReflectance {
+                percent: self.odd * 100 / self.rows,
+            }),
+            false => Ok(()),
+        }
+    }
 }
 
 /// What the value of a depth pixel is.
@@ -38,10 +76,14 @@ pub enum DepthAxis {
 /// Reads a scan: little-endian `f32` rows of x forward, y left, z up (metres), reflectance.
 ///
 /// # Errors
-/// The bytes are not a whole, positive number of points.
+/// The bytes are not a whole, positive number of points, or have no reflectance.
 pub fn parse_velodyne(bytes: &[u8]) -> Result<Vec<[f32; 4]>, ScanError> {
     check_length(bytes.len())?;
-    Ok(bytes.as_chunks().0.iter().map(point).collect())
+    let points: Vec<_> = bytes.as_chunks().0.iter().map(point).collect();
+    let mut reflectance = Reflectance::default();
+    points.iter().for_each(|point| reflectance.look_at(point));
+    reflectance.check()?;
+    Ok(points)
 }
 
 /// The matrix from homogeneous Velodyne points to homogeneous pixels of the left camera:
@@ -92,6 +134,8 @@ pub struct ScanDepth<const N: usize> {
     /// Bytes taken, and those of them that are the beginning of a point.
     bytes: usize,
     begun: [u8; POINT],
+    /// Of the first point of each block and of those in no block.
+    reflectance: Reflectance,
 }
 
 #[derive(Debug, Clone)]
@@ -131,6 +175,7 @@ impl<const N: usize> ScanDepth<N> {
             sides: Vec::new(),
             bytes: 0,
             begun: [0; POINT],
+            reflectance: Reflectance::default(),
         }
     }
 
@@ -145,12 +190,15 @@ impl<const N: usize> ScanDepth<N> {
             if begun + end.len() < POINT {
                 return;
             }
-            self.add_points(&[point(&self.begun)]);
+            let point = point(&self.begun);
+            self.reflectance.look_at(&point);
+            self.add_points(&[point]);
             bytes = rest;
         }
         let (points, rest) = bytes.as_chunks::<POINT>();
         let (blocks, last) = points.as_chunks::<BLOCK>();
         for block in blocks {
+            self.reflectance.look_at(&point(&block[0]));
             // Half of the blocks lie behind the scanner: one number of each point tells.
             let front = |seen, at: &[u8; POINT]| seen | (point(at)[0] >= 0.0);
             if !block.iter().fold(false, front) {
@@ -162,16 +210,20 @@ impl<const N: usize> ScanDepth<N> {
             }
             self.add_block(&points);
         }
-        self.add_points(&last.iter().map(point).collect::<Vec<_>>());
+        let last: Vec<_> = last.iter().map(point).collect();
+        last.iter()
+            .for_each(|point| self.reflectance.look_at(point));
+        self.add_points(&last);
         self.begun[..rest.len()].copy_from_slice(rest);
     }
 
     /// The images in the order of their axes.
     ///
     /// # Errors
-    /// The bytes added were not a whole, positive number of points.
+    /// The bytes added were not a whole, positive number of points, or had no reflectance.
     pub fn finish(self) -> Result<[Vec<f32>; N], ScanError> {
         check_length(self.bytes)?;
+        self.reflectance.check()?;
         Ok(self.images())
     }
 
@@ -433,6 +485,66 @@ mod tests {
         assert_eq!(none.finish(), Err(ScanError::Empty));
     }
 
+    /// Points around the scanner in rows of `columns` numbers: x, y, z, reflectance, then zeros.
+    fn around(columns: usize) -> Vec<[f64; 5]> {
+        let at = |i: u32| {
+            let step = f64::from(i % 97) - 48.0;
+            let (x, y, z) = (
+                f64::from(i % 61) - 20.3,
+                step / 2.0,
+                f64::from(i % 13) / 5.0 - 1.9,
+            );
+            let row = [x, y, z, f64::from(i % 100) / 100.0, 0.0];
+            std::array::from_fn(|at| if at < columns { row[at] } else { 0.0 })
+        };
+        (0..4000).map(at).collect()
+    }
+
+    #[test]
+    fn rows_of_another_width_or_type_are_no_scan() {
+        let single = |columns: usize| -> Vec<u8> {
+            let rows = around(columns).into_iter();
+            rows.flat_map(|row| row[..columns].to_vec())
+                .flat_map(|number| (number as f32).to_le_bytes())
+                .collect()
+        };
+        let double: Vec<u8> = around(4)
+            .into_iter()
+            .flat_map(|row| row[..4].to_vec())
+            .flat_map(f64::to_le_bytes)
+            .collect();
+        let finish = |bytes: &[u8]| {
+            let mut scan = ScanDepth::new(&PLAIN, 10, 8, [DepthAxis::CameraZ]);
+            scan.add(bytes);
+            scan.finish()
+        };
+        let intensities: Vec<u8> = {
+            // Intensities up to 255, and a third of the rows not measured.
+            let mut points = around(4);
+            points.iter_mut().for_each(|row| row[3] *= 250.0);
+            points
+                .iter_mut()
+                .step_by(3)
+                .for_each(|row| *row = [f64::NAN; 5]);
+            let numbers = points.into_iter().flat_map(|row| row[..4].to_vec());
+            numbers
+                .flat_map(|number| (number as f32).to_le_bytes())
+                .collect()
+        };
+        for good in [single(4), intensities] {
+            assert!(finish(&good).is_ok());
+            assert!(parse_velodyne(&good).is_ok());
+        }
+        for bad in [single(3), single(5), double] {
+            assert!(matches!(
+                finish(&bad),
+                Err(ScanError::NoReflectance { percent: 20.. })
+            ));
+            let error = parse_velodyne(&bad).unwrap_err();
+            assert!(error.to_string().contains("points[:, :4]"), "{error}");
+        }
+    }
+
     #[test]
     fn odd_points_and_images_do_no_harm() {
         let points = [
@@ -661,6 +773,7 @@ mod tests {
                         prop_assert!(depth_m.iter().all(|d| *d >= 0.0));
                     }
                 }
+                Err(ScanError::NoReflectance { percent }) => prop_assert!((1..=100).contains(&percent)),
                 Err(_) => prop_assert!(bytes.is_empty() || bytes.len() % 16 != 0),
             }
         }

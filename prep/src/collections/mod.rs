@@ -42,10 +42,12 @@ fn build<T: Sync>(
 ) -> Result<Report> {
     let settings = Settings::new(content, false, options.images);
     settings.check_output(&options.out, inputs)?;
+    // A manifest counts all roles, those without samples too.
+    let expected = |role| (role, frames.expected.get(&role).copied().unwrap_or(0));
     write_set(
         options,
         &settings,
-        frames.expected,
+        Role::ALL.map(expected).into(),
         &frames.frames,
         frames.failures,
         |files, frame, _| make(files, frame),

@@ -77,6 +77,14 @@ pub enum Error {
         /// What is missing or contradictory, and what to do.
         problem: String,
     },
+    /// A prepared set whose tables are not those of its manifest.
+    #[error("{} is not a finished prepared set: {problem}", path.display())]
+    DamagedSet {
+        /// The folder.
+        path: PathBuf,
+        /// What contradicts what, and what to do.
+        problem: String,
+    },
     /// A value that could not be turned into text.
     #[error("cannot write this as YAML: {0}")]
     ToYaml(String),

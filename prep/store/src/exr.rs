@@ -532,7 +532,7 @@ mod tests {
         // Recipe: BLAKE3 of `encode_depth` at version 0.1.0, when whole images were given to the encoder.
         let bytes = encode_depth(&depth(), &header()).unwrap();
         assert_eq!(
-            crate::files::blake3_hex(&bytes),
+            files::blake3_hex(&bytes),
             "2b71f6806c3ea922da1a3fb5a41a447af4d06b91e6890c9dca45e8427d32a251"
         );
     }

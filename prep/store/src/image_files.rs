@@ -1,14 +1,19 @@
 //! Reading and writing of PNG and JPEG pictures.
 //!
 //! The format is told from the content, not from the name. A truncated file is an error even
-//! where the decoder would fill the rest with grey.
+//! where the decoder would fill the rest with grey. Pictures are turned as their EXIF data says, as
+//! viewers and OpenCV show them; cameras and phones store portraits lying on their side.
 
 use std::fmt;
+use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::Path;
 use std::str::FromStr;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, RgbImage};
+use image::metadata::Orientation;
+use image::{
+    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, RgbImage,
+};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 
 use crate::error::{Error, Result};
@@ -136,34 +141,42 @@ pub fn decode_gray8(bytes: &[u8], name: &str) -> Result<(usize, usize, Vec<u8>)>
     }
 }
 
-/// Width and height of a PNG or JPEG, from its first bytes alone.
+/// Width and height of a PNG or JPEG, from its first bytes alone, as it is shown.
 ///
 /// # Errors
 /// The file cannot be read or does not begin like an image.
 pub fn read_size(path: &Path) -> Result<(u32, u32)> {
-    let reader = image::ImageReader::open(path).and_then(image::ImageReader::with_guessed_format);
-    reader
-        .map_err(|e| Error::io("read", path, e))?
-        .into_dimensions()
-        .map_err(|error| Error::Image {
-            path: path.display().to_string(),
-            problem: format!("its size cannot be read ({error})"),
-        })
+    let file = std::fs::File::open(path).map_err(|e| Error::io("read", path, e))?;
+    size(BufReader::new(file), &path.display().to_string())
 }
 
-/// Width and height of a PNG or JPEG from its bytes; `name` is used in messages.
+/// Width and height of a PNG or JPEG from its bytes, as it is shown; `name` is used in messages.
 ///
 /// # Errors
 /// They do not begin like an image.
 pub fn decode_size(bytes: &[u8], name: &str) -> Result<(u32, u32)> {
-    let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
-    reader
-        .map_err(image::ImageError::IoError)
-        .and_then(image::ImageReader::into_dimensions)
-        .map_err(|error| Error::Image {
-            path: name.to_owned(),
-            problem: format!("its size cannot be read ({error})"),
+    size(Cursor::new(bytes), name)
+}
+
+fn size(input: impl BufRead + Seek, name: &str) -> Result<(u32, u32)> {
+    let reader = image::ImageReader::new(input).with_guessed_format();
+    let decoder = reader
+        .map_err(ImageError::IoError)
+        .and_then(image::ImageReader::into_decoder);
+    let shown = decoder.and_then(|mut decoder| {
+        let (width, height) = decoder.dimensions();
+        Ok(match decoder.orientation()? {
+            Orientation::Rotate90
+            | Orientation::Rotate270
+            | Orientation::Rotate90FlipH
+            | Orientation::Rotate270FlipH => (height, width),
+            _ => (width, height),
         })
+    });
+    shown.map_err(|error| Error::Image {
+        path: name.to_owned(),
+        problem: format!("its size cannot be read ({error})"),
+    })
 }
 
 /// PNG bytes of an RGB image, compressed fast: the run-length Huffman coding of `fdeflate` over rows
@@ -260,8 +273,15 @@ fn decode(bytes: &[u8], name: &str) -> Result<DynamicImage> {
             bytes.len()
         )));
     }
-    image::load_from_memory_with_format(bytes, format)
-        .map_err(|error| bad(format!("it is damaged ({error})")))
+    let decode = || {
+        let reader = image::ImageReader::with_format(Cursor::new(bytes), format);
+        let mut decoder = reader.into_decoder()?;
+        let orientation = decoder.orientation()?;
+        let mut image = DynamicImage::from_decoder(decoder)?;
+        image.apply_orientation(orientation);
+        Ok(image)
+    };
+    decode().map_err(|error: ImageError| bad(format!("it is damaged ({error})")))
 }
 
 /// Whether the end chunk is there.
@@ -365,6 +385,62 @@ mod tests {
         for wrong in ["jpeg", "jpeg-0", "jpeg-101", "PNG", ""] {
             assert!(wrong.parse::<Codec>().is_err(), "{wrong}");
         }
+    }
+
+    /// EXIF data with an orientation and nothing else: a big-endian TIFF header and a directory of
+    /// one entry (tag 0x112, a short), as CIPA DC-008 lays it out.
+    fn exif(orientation: u8) -> Vec<u8> {
+        let mut data = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0".to_vec();
+        data.extend([orientation, 0, 0, 0, 0, 0, 0]);
+        data
+    }
+
+    #[test]
+    fn pictures_are_turned_as_their_exif_data_says() {
+        // Columns are brighter to the right and rows to the bottom, all eight pixels different.
+        let stored = RgbImage::from_fn(4, 2, |x, y| image::Rgb([20 * x as u8 + 100 * y as u8; 3]));
+        let rows = |image: &RgbImage| -> Vec<Vec<u8>> {
+            image
+                .rows()
+                .map(|row| row.map(|pixel| pixel.0[0]).collect())
+                .collect()
+        };
+        // What each value means, by the definition: where row 0 and column 0 of the file are shown.
+        let upright = vec![vec![0, 20, 40, 60], vec![100, 120, 140, 160]];
+        let half_turn = vec![vec![160, 140, 120, 100], vec![60, 40, 20, 0]];
+        let to_the_right = vec![vec![100, 0], vec![120, 20], vec![140, 40], vec![160, 60]];
+        let to_the_left = vec![vec![60, 160], vec![40, 140], vec![20, 120], vec![0, 100]];
+        for (orientation, shown) in [
+            (1, upright),
+            (3, half_turn),
+            (6, to_the_right),
+            (8, to_the_left),
+        ] {
+            let mut bytes = Vec::new();
+            let mut encoder = PngEncoder::new(&mut bytes);
+            encoder.set_exif_metadata(exif(orientation)).unwrap();
+            encoder
+                .write_image(&stored, 4, 2, ExtendedColorType::Rgb8)
+                .unwrap();
+            let image = decode_rgb(&bytes, "x").unwrap();
+            assert_eq!(rows(&image), shown, "{orientation}");
+            assert_eq!(decode_size(&bytes, "x").unwrap(), image.dimensions());
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("a.png");
+            std::fs::write(&path, &bytes).unwrap();
+            assert_eq!(read_size(&path).unwrap(), image.dimensions());
+        }
+        // JPEG has it in a segment APP1 behind the start marker.
+        let plain = encode_jpeg_rgb(&picture(), 90);
+        let data = [b"Exif\0\0", &*exif(6)].concat();
+        let length = u16::try_from(data.len() + 2).unwrap().to_be_bytes();
+        let turned = [&plain[..2], b"\xff\xe1", &length, &data, &plain[2..]].concat();
+        let upright = decode_rgb(&plain, "x").unwrap();
+        assert_eq!(
+            decode_rgb(&turned, "x").unwrap(),
+            image::imageops::rotate90(&upright)
+        );
+        assert_eq!(decode_size(&turned, "x").unwrap(), (37, 61));
     }
 
     #[test]

@@ -2,19 +2,50 @@
 //!
 //! The format is NumPy's (numpy.lib.format, versions 1 to 3): a magic, a length, a Python literal of
 //! three keys, then the values. A header is believed only as far as the bytes behind it go, so a
-//! damaged file costs no memory. Only 32- and 64-bit floats are read, other types are refused and
-//! not converted; pickled objects are never looked into. Problems are sentences that do not name the
-//! file.
+//! damaged file costs no memory. Floats of 16, 32 and 64 bits and unsigned integers of 16 bits are
+//! read, in either order of bytes and of dimensions; other types are refused and not converted, and
+//! pickled objects are never looked into. Problems are sentences that do not name the file.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use exr::prelude::f16;
+
 use crate::files::Unfinished;
 use crate::raster::Plane;
 
-/// A map as read: width, height and values row by row.
-pub type Array = (usize, usize, Vec<f64>);
+/// A map as read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Array {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Values row by row.
+    pub values: Vec<f64>,
+    /// They are 16-bit integers, which usually stand for something else.
+    pub are_integers: bool,
+}
+
+/// Type of the values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    F16,
+    F32,
+    F64,
+    U16,
+}
+
+impl Kind {
+    fn bytes(self) -> usize {
+        match self {
+            Self::F16 | Self::U16 => 2,
+            Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+}
 
 /// First bytes of every file.
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -28,7 +59,7 @@ const LONGEST_START: usize = LONGEST_HEADER + 12;
 /// What is said before the values.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Header {
-    value_bytes: usize,
+    kind: Kind,
     big_endian: bool,
     /// The first index varies fastest.
     fortran_order: bool,
@@ -74,15 +105,16 @@ impl Header {
             .and_then(|rest| rest.split_once('\''))
             .ok_or("its elements are structures, not 32- or 64-bit floats")?
             .0;
-        let (value_bytes, big_endian) = match descr {
-            "<f4" => (4, false),
-            ">f4" => (4, true),
-            "<f8" => (8, false),
-            ">f8" => (8, true),
-            other => {
+        let big_endian = descr.starts_with('>');
+        let kind = match descr.trim_start_matches(['<', '>']) {
+            "f2" => Kind::F16,
+            "f4" => Kind::F32,
+            "f8" => Kind::F64,
+            "u2" => Kind::U16,
+            _ => {
                 return Err(format!(
-                    "its type is `{other}`, not 32- or 64-bit floats; save it with \
-                     np.save(FILE, array.astype('<f4'))"
+                    "its type is `{descr}`, not floats of 16, 32 or 64 bits or unsigned integers of 16; \
+                     save it with np.save(FILE, array.astype('<f4'))"
                 ));
             }
         };
@@ -97,7 +129,7 @@ impl Header {
             .filter(|side| !side.is_empty());
         let sides: Result<Vec<usize>, _> = sides.map(str::parse).collect();
         Ok(Self {
-            value_bytes,
+            kind,
             big_endian,
             fortran_order: value("fortran_order")?.starts_with("True"),
             shape: sides
@@ -109,24 +141,27 @@ impl Header {
     /// Bytes of the values of these dimensions, if that is a number.
     fn size(&self, dimensions: &[usize]) -> Option<usize> {
         let mut dimensions = dimensions.iter();
-        dimensions.try_fold(self.value_bytes, |size, side| size.checked_mul(*side))
+        dimensions.try_fold(self.kind.bytes(), |size, side| size.checked_mul(*side))
     }
 
     fn values(&self, bytes: &[u8]) -> Vec<f64> {
-        match (self.value_bytes, self.big_endian) {
-            (4, false) => numbers(bytes, |b| f64::from(f32::from_le_bytes(b))),
-            (4, true) => numbers(bytes, |b| f64::from(f32::from_be_bytes(b))),
-            (_, false) => numbers(bytes, f64::from_le_bytes),
-            (_, true) => numbers(bytes, f64::from_be_bytes),
+        match (self.kind, self.big_endian) {
+            (Kind::F16, false) => numbers(bytes, |b| f16::from_le_bytes(b).to_f64()),
+            (Kind::F16, true) => numbers(bytes, |b| f16::from_be_bytes(b).to_f64()),
+            (Kind::F32, false) => numbers(bytes, |b| f64::from(f32::from_le_bytes(b))),
+            (Kind::F32, true) => numbers(bytes, |b| f64::from(f32::from_be_bytes(b))),
+            (Kind::F64, false) => numbers(bytes, f64::from_le_bytes),
+            (Kind::F64, true) => numbers(bytes, f64::from_be_bytes),
+            (Kind::U16, false) => numbers(bytes, |b| f64::from(u16::from_le_bytes(b))),
+            (Kind::U16, true) => numbers(bytes, |b| f64::from(u16::from_be_bytes(b))),
         }
     }
 
     fn values_f32(&self, bytes: &[u8]) -> Vec<f32> {
-        match (self.value_bytes, self.big_endian) {
-            (4, false) => numbers(bytes, f32::from_le_bytes),
-            (4, true) => numbers(bytes, f32::from_be_bytes),
-            (_, false) => numbers(bytes, |b| f64::from_le_bytes(b) as f32),
-            (_, true) => numbers(bytes, |b| f64::from_be_bytes(b) as f32),
+        match (self.kind, self.big_endian) {
+            // What nearly all files have, without a step between.
+            (Kind::F32, false) => numbers(bytes, f32::from_le_bytes),
+            _ => self.values(bytes).into_iter().map(|v| v as f32).collect(),
         }
     }
 }
@@ -151,7 +186,7 @@ pub fn decode(bytes: &[u8]) -> Result<Array, String> {
     if header.size(&header.shape) != Some(data.len()) {
         return Err(format!(
             "its header promises {height} x {width} values of {} bytes, but {} bytes follow",
-            header.value_bytes,
+            header.kind.bytes(),
             data.len()
         ));
     }
@@ -163,15 +198,25 @@ pub fn decode(bytes: &[u8]) -> Result<Array, String> {
             values.extend((0..width).map(|column| columns[column * height + row]));
         }
     }
-    Ok((width, height, values))
+    Ok(Array {
+        width,
+        height,
+        values,
+        are_integers: header.kind == Kind::U16,
+    })
 }
 
 /// Maps of one size in an array of shape `N x H x W`, `N x 1 x H x W` or `N x H x W x 1`, or the
-/// single one of an array `H x W`. They are read one by one, so memory stays flat.
+/// single one of an array `H x W`. They are read one by one, so memory stays flat; only an array in
+/// Fortran order, which has the values of a map far apart, is held as a whole.
 #[derive(Debug)]
 pub struct Planes {
     file: File,
     header: Header,
+    /// The values of an array in Fortran order.
+    fortran: Option<Vec<u8>>,
+    /// They are 16-bit integers, which usually stand for something else.
+    pub are_integers: bool,
     /// How many.
     pub count: usize,
     /// Columns of each.
@@ -196,9 +241,6 @@ impl Planes {
             .map_err(io)?;
         let header = Header::parse(&start)?;
         let shape = &header.shape;
-        if header.fortran_order {
-            return Err("it is in Fortran order; save np.ascontiguousarray(array)".to_owned());
-        }
         let (count, height, width) = match *shape.as_slice() {
             [n, h, w] | [n, 1, h, w] | [n, h, w, 1] => (n, h, w),
             [h, w] => (1, h, w),
@@ -218,9 +260,21 @@ impl Planes {
                  incomplete or damaged"
             ));
         }
+        let fortran = match header.fortran_order {
+            true => {
+                let mut values = Vec::new();
+                file.seek(SeekFrom::Start(header.start as u64))
+                    .and_then(|_| file.read_to_end(&mut values))
+                    .map_err(io)?;
+                Some(values)
+            }
+            false => None,
+        };
         Ok(Self {
             file,
+            are_integers: header.kind == Kind::U16,
             header,
+            fortran,
             count,
             width,
             height,
@@ -239,7 +293,17 @@ impl Planes {
             ));
         }
         // Neither can overflow: `new` has held the size of all planes against the file.
-        let size = self.height * self.width * self.header.value_bytes;
+        let bytes = self.header.kind.bytes();
+        if let Some(values) = &self.fortran {
+            // The first index varies fastest, then the row, then the column.
+            let pixels = (0..self.height).flat_map(|row| (0..self.width).map(move |at| (row, at)));
+            let first = |(row, column)| index + self.count * (row + self.height * column);
+            let plane = pixels
+                .map(first)
+                .flat_map(|at| &values[at * bytes..(at + 1) * bytes]);
+            return Ok(self.header.values_f32(&plane.copied().collect::<Vec<u8>>()));
+        }
+        let size = self.height * self.width * bytes;
         let place = (self.header.start + index * size) as u64;
         let mut bytes = vec![0; size];
         self.file
@@ -368,9 +432,14 @@ mod tests {
             24,
             "the header ends on a block of 64 bytes"
         );
-        let (width, height, back) = decode(&bytes).unwrap();
-        assert_eq!((width, height), (3, 2));
-        assert!(back.iter().zip(values).all(|(a, b)| *a == f64::from(b)));
+        let back = decode(&bytes).unwrap();
+        assert_eq!((back.width, back.height), (3, 2));
+        assert!(
+            back.values
+                .iter()
+                .zip(values)
+                .all(|(a, b)| *a == f64::from(b))
+        );
     }
 
     #[test]
@@ -383,18 +452,75 @@ mod tests {
             "{'descr': '>f8', 'fortran_order': False, 'shape': (2, 3), }",
             &big,
         );
-        assert_eq!(
-            decode(&by_row).unwrap(),
-            (3, 2, vec![1., 2., 3., 4., 5., 6.])
-        );
+        let array = |values: Vec<f64>, are_integers| Array {
+            width: 3,
+            height: 2,
+            values,
+            are_integers,
+        };
+        let rows = vec![1., 2., 3., 4., 5., 6.];
+        assert_eq!(decode(&by_row).unwrap(), array(rows, false));
         let by_column = npy(
             "{'descr': '>f8', 'fortran_order': True, 'shape': (2, 3), }",
             &big,
         );
+        let rows = vec![1., 3., 5., 2., 4., 6.];
+        assert_eq!(decode(&by_column).unwrap(), array(rows, false));
+        // IEEE 754 halves: 1.5, -2.25, the largest, 0.1 as near as it gets, infinity, the smallest.
+        let halves = [0x3e00_u16, 0xc080, 0x7bff, 0x2e66, 0x7c00, 0x0001];
+        let numbers = [
+            1.5,
+            -2.25,
+            65_504.0,
+            0.099_975_585_937_5,
+            f64::INFINITY,
+            2.0_f64.powi(-24),
+        ];
+        let text = "{'descr': '<f2', 'fortran_order': False, 'shape': (2, 3), }";
+        let little = halves.map(u16::to_le_bytes).concat();
         assert_eq!(
-            decode(&by_column).unwrap(),
-            (3, 2, vec![1., 3., 5., 2., 4., 6.])
+            decode(&npy(text, &little)).unwrap(),
+            array(numbers.into(), false)
         );
+        let shorts = [0, 1, 256, 65_535, 20_480, 7_u16];
+        let text = "{'descr': '>u2', 'fortran_order': False, 'shape': (2, 3), }";
+        let big = shorts.map(u16::to_be_bytes).concat();
+        assert_eq!(
+            decode(&npy(text, &big)).unwrap(),
+            array(shorts.map(f64::from).into(), true)
+        );
+    }
+
+    #[test]
+    fn planes_in_fortran_order_are_those_in_c_order() {
+        // Recipe: np.asfortranarray(np.arange(12).reshape(2, 2, 3).astype(TYPE)).ravel('K'): the first
+        // index, which map, varies fastest, then the row, then the column.
+        let order = [0, 6, 3, 9, 1, 7, 4, 10, 2, 8, 5, 11_u8];
+        let floats: Vec<u8> = order
+            .iter()
+            .flat_map(|v| f32::from(*v).to_le_bytes())
+            .collect();
+        let shorts: Vec<u8> = order
+            .iter()
+            .flat_map(|v| u16::from(*v).to_le_bytes())
+            .collect();
+        for (descr, values) in [("<f4", floats), ("<u2", shorts)] {
+            for shape in ["(2, 2, 3)", "(2, 1, 2, 3)", "(2, 2, 3, 1)"] {
+                let text = f4(shape).replace("<f4", descr).replace("False", "True");
+                let mut planes = Planes::new(file(&npy(&text, &values))).unwrap();
+                assert_eq!((planes.count, planes.width, planes.height), (2, 3, 2));
+                assert_eq!(planes.are_integers, descr == "<u2");
+                assert_eq!(planes.plane(0).unwrap(), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
+                assert_eq!(planes.plane(1).unwrap(), [6.0, 7.0, 8.0, 9.0, 10.0, 11.0]);
+            }
+        }
+        let one: Vec<u8> = [0, 3, 1, 4, 2, 5_u8]
+            .iter()
+            .flat_map(|v| f32::from(*v).to_le_bytes())
+            .collect();
+        let text = f4("(2, 3)").replace("False", "True");
+        let mut planes = Planes::new(file(&npy(&text, &one))).unwrap();
+        assert_eq!(planes.plane(0).unwrap(), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
     }
 
     #[test]
@@ -407,6 +533,7 @@ mod tests {
         };
         for (bytes, reason) in [
             (header("<i4", "(1, 2)"), "its type is `<i4`"),
+            (header("|u1", "(1, 8)"), "its type is `|u1`"),
             (header("<f4", "(2,)"), "two dimensions"),
             (header("<f4", "(1, 2, 1)"), "two dimensions"),
             (
@@ -511,7 +638,6 @@ mod tests {
             (f4("(2, 0, 3)"), "no predictions"),
             (f4("(2, x, 3)"), "no list of sizes"),
             (f4("(2, 2, 3)").replace("<f4", "|O"), "its type is `|O`"),
-            (f4("(2, 2, 3)").replace("False", "True"), "Fortran"),
             ("((((((((".repeat(400), "no `descr`"),
             (" ".repeat(5000), "too long"),
         ] {

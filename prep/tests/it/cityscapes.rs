@@ -142,7 +142,7 @@ fn what_is_missing_or_contradictory_is_named() {
     for reason in [
         "aachen_000002_000019_rightImg8bit.png",
         "missing field `baseline`",
-        "without its bottom fifth it is 39x17, but its image is 40x17",
+        "without its bottom fifth it is 39x17, but its left image is 40x17",
         "without its bottom fifth it is 40x13, but its left image is 40x17",
     ] {
         assert!(

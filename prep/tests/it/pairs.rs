@@ -237,7 +237,7 @@ fn bad_frames_cost_themselves_only_and_a_second_run_completes() {
     for reason in [
         "line 3: `focal_px` should be a positive number, but is `long`",
         "Bild 9.png",
-        "klein.png: it is 29x20, but its left image is 30x20",
+        "klein.png is 29x20, but its left image is 30x20",
         "klein.npy: it is 2x1, but its left image is 30x20",
         "ganz.npy: its type is `<i8`",
         "leer.png: it has no measured pixel",

@@ -155,7 +155,7 @@ fn what_may_not_be_read_is_named_and_the_rest_is_made() {
     std::fs::create_dir(world.path("theirs")).unwrap();
     allow("theirs", 0o555);
     let outcome = run("theirs/set").unwrap();
-    assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+    assert_eq!(outcome.code, 2, "{}", outcome.stderr);
     assert_has(&outcome.stderr, &["theirs/set", "Permission denied"]);
     assert!(!world.path("none").exists());
 }

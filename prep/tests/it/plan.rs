@@ -54,7 +54,12 @@ fn a_table_needs_no_more_than_its_test_images() {
         ["data_scene_flow.zip", "data_scene_flow_calib.zip"]
     );
     assert_eq!(plan_31["samples"], 200);
-    assert!(plan_31["measured_on"].as_str().unwrap().contains("made-up"));
+    assert!(
+        plan_31["measured_on"]
+            .as_str()
+            .unwrap()
+            .contains("synthetic")
+    );
     assert!(
         plan_31["command"]
             .as_str()
@@ -84,7 +89,7 @@ fn a_table_needs_no_more_than_its_test_images() {
 
     let told = prep(&["plan", "--table", "3.1"], &[]);
     let told = text(&told.stdout);
-    for part in ["about 2.0 GB", "missing", "free ", "made-up image"] {
+    for part in ["about 2.0 GB", "missing", "free ", "synthetic image"] {
         assert!(told.contains(part), "{part}\n{told}");
     }
     assert_eq!(prep(&["plan"], &[]).status.code(), Some(2));

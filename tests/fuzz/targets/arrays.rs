@@ -49,8 +49,8 @@ fuzz_target!(|data: &[u8]| {
     };
     match which % 4 {
         0 => {
-            if let Ok((width, height, values)) = npy::decode(&damage::damaged(&NPY, data)) {
-                assert_eq!(width * height, values.len());
+            if let Ok(array) = npy::decode(&damage::damaged(&NPY, data)) {
+                assert_eq!(array.width * array.height, array.values.len());
             }
         }
         1 => {

@@ -16,9 +16,10 @@ use strat_geometry::depth_from_disparity_px;
 use strat_splits::Role;
 use strat_store::exr::{self, DepthHeader};
 use strat_store::layout::{self, DepthKind, Side};
+use strat_store::npy::{self, Array};
 use strat_store::raster::Plane;
 use strat_store::set::{Content, FileRef, Sample};
-use strat_store::{files, image_files, npy};
+use strat_store::{files, image_files};
 
 pub use self::list::Shares;
 use self::list::{Row, Table, Truth};
@@ -135,13 +136,25 @@ fn ground_truth(
     }
     let bytes = from.read().map_err(|e| SampleError::input(from, e))?;
     let extension = from.extension();
-    let (width, height, mut values) =
-        decode_truth(&bytes, &extension).map_err(|problem| SampleError::about(from, problem))?;
+    let Array {
+        width,
+        height,
+        mut values,
+        are_integers,
+    } = decode_truth(&bytes, &extension).map_err(|problem| SampleError::about(from, problem))?;
     same_size(from, (width as u32, height as u32), size)?;
-    let scale = truth.scale.unwrap_or(match &*extension {
-        "png" => PNG_SCALE,
-        _ => 1.0,
-    });
+    let scale = match (truth.scale, &*extension, are_integers) {
+        (Some(scale), _, _) => scale,
+        (None, "png", _) => PNG_SCALE,
+        (None, _, false) => 1.0,
+        (None, _, true) => {
+            return Err(SampleError::about(
+                from,
+                "its values are 16-bit integers; say in the column `depth_scale` what they are to be \
+                 divided by: 256 if stored as KITTI's PNGs, 1000 for millimetres, 1 for metres or pixels",
+            ));
+        }
+    };
     for value in &mut values {
         *value /= scale;
         if truth.is_disparity && *value > 0.0 {
@@ -172,19 +185,28 @@ fn ground_truth(
     files.put_depth(path, &plane, &header)
 }
 
-/// Width, height and values of a ground truth file of this ending, not yet scaled.
-fn decode_truth(bytes: &[u8], ending: &str) -> std::result::Result<npy::Array, String> {
-    match ending {
+/// The values of a ground truth file of this extension, not yet scaled.
+fn decode_truth(bytes: &[u8], extension: &str) -> std::result::Result<Array, String> {
+    match extension {
         "png" => {
             let (width, height, values) =
                 image_files::decode_gray16(bytes, "this PNG").map_err(|e| e.to_string())?;
-            Ok((width, height, values.into_iter().map(f64::from).collect()))
+            Ok(Array {
+                width,
+                height,
+                values: values.into_iter().map(f64::from).collect(),
+                are_integers: true,
+            })
         }
         "npy" => npy::decode(bytes),
         "exr" => {
             let plane = exr::decode_channel(bytes)?;
-            let values = plane.data.into_iter().map(f64::from);
-            Ok((plane.width, plane.height, values.collect()))
+            Ok(Array {
+                width: plane.width,
+                height: plane.height,
+                values: plane.data.into_iter().map(f64::from).collect(),
+                are_integers: false,
+            })
         }
         _ => Err("ground truth is read from .png (16-bit), .npy and .exr files".to_owned()),
     }

@@ -68,10 +68,13 @@ impl PreparedSet {
             tables.push((role, files::read(&root.join(table_name(role)))?));
         }
         if data_digest(&tables) != set.manifest.data_digest {
-            return Err(wrong(format!(
-                "its tables (train.csv, val.csv, test.csv) are not those of {MANIFEST}: a run was interrupted \
-                 or a file edited; run the `prep` command again"
-            )));
+            return Err(Error::DamagedSet {
+                path: root.to_owned(),
+                problem: format!(
+                    "its tables (train.csv, val.csv, test.csv) are not those of {MANIFEST}: a run was \
+                     interrupted or a file edited; run the `prep` command again"
+                ),
+            });
         }
         Ok(set)
     }
