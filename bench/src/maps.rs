@@ -91,6 +91,33 @@ pub struct Job {
     pub name: PathBuf,
 }
 
+/// The one width of all images; none where no image can be read.
+///
+/// # Errors
+/// Images of several widths: one focal length in pixels is not that of all of them.
+pub fn one_width(jobs: &[Job]) -> Result<Option<u32>, CliError> {
+    let mut first: Option<(&Path, u32)> = None;
+    for job in jobs {
+        // What cannot be read costs itself only, later.
+        let Ok((width, _)) = image::image_dimensions(&job.image) else {
+            continue;
+        };
+        match first {
+            None => first = Some((&job.image, width)),
+            Some((_, known)) if known == width => {}
+            Some((other, known)) => {
+                return Err(CliError::Usage(format!(
+                    "{} is {known} pixels wide and {} {width}, so one `--focal-px` is not that of \
+                     both; predict images of one width at a time, each with its own focal length",
+                    other.display(),
+                    job.image.display()
+                )));
+            }
+        }
+    }
+    Ok(first.map(|(_, width)| width))
+}
+
 /// One format with the conversion into what it holds.
 #[derive(Clone, Copy, Debug)]
 pub struct Target {

@@ -17,7 +17,10 @@ use super::args::{CameraArgs, RuntimeArgs, ThreadArgs, default_name, positive};
 use crate::{
     evaluate::record::TOOL_VERSION,
     maps::{self, Format, Request, Writer},
-    model::{Description, Model, vet::vet},
+    model::{
+        Description, Model,
+        vet::{other_camera, vet},
+    },
     notes::Notes,
     quantity::{Quantity, StereoCamera, default_quantity},
     runtime::placement_text,
@@ -130,6 +133,13 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
     let name = default_name(&args.model);
     let mut model = Model::open(&name, &args.model, &runtime, args.runtime.device, threads)?;
     let camera = args.camera.stereo_camera();
+    let seen = match camera {
+        Some(camera) => maps::one_width(&jobs)?.map(|width| {
+            let focal_fraction = camera.focal_px / f64::from(width);
+            (focal_fraction, camera.baseline_m)
+        }),
+        None => None,
+    };
     let request = Request {
         formats: args.format.clone(),
         quantity: args.quantity,
@@ -146,6 +156,9 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
         .warnings
         .into_iter()
         .for_each(|warning| notes.warn(warning));
+    if let Some(warning) = other_camera(&model, seen) {
+        notes.warn(warning);
+    }
     notes.say(&format!(
         "{} images, {}, device {}, {}",
         jobs.len(),

@@ -1,9 +1,10 @@
 //! What a run has measured so far, so that an interrupted one goes on where it stopped.
 //!
 //! A file of rows per model in the output folder, to which the rows of each image are added as
-//! soon as they are there. The next run of the same models on the same data under the same
-//! protocols, with the same runtime and program, takes them over; anything else is measured again.
-//! A finished run removes its journals.
+//! soon as they are there, and beside it what they were measured with. The next run of the same
+//! models on the same data under the same protocols, with the same runtime and program, takes them
+//! over; anything else is measured again, and it is said what has changed. A finished run removes
+//! its journals.
 //!
 //! The last image of a journal may be there in part, so it is measured again as well.
 
@@ -14,7 +15,9 @@ use std::{
 };
 
 use strat_metrics::{Row, RowContext, rows};
-use strat_store::files;
+use strat_store::{files, yaml};
+
+use super::identity::Identity;
 
 /// Beginning of the names of journals.
 pub const PREFIX: &str = "unfinished-";
@@ -26,12 +29,12 @@ pub enum JournalError {
     #[error(transparent)]
     Store(#[from] strat_store::Error),
     /// Rows could not be formed or added.
-    #[error("{} cannot be written: {source}", path.display())]
+    #[error("{} cannot be written: {reason}", path.display())]
     Rows {
         /// The journal.
         path: PathBuf,
         /// Why.
-        source: strat_metrics::CsvError,
+        reason: strat_metrics::CsvError,
     },
 }
 
@@ -41,17 +44,46 @@ pub struct Journal {
     file: File,
 }
 
+/// What an interrupted run has left.
+#[derive(Debug, Default, PartialEq)]
+pub struct Before {
+    /// The rows of images that have some under each protocol, by image.
+    pub rows: BTreeMap<String, Vec<Row>>,
+    /// What has changed since, where rows cannot be used for it.
+    pub changes: Option<String>,
+}
+
+/// Removes a journal.
+///
+/// # Errors
+/// A file cannot be removed.
+pub fn remove(path: &Path) -> Result<(), strat_store::Error> {
+    files::remove(path)?;
+    files::remove(&facts_path(path))
+}
+
+fn facts_path(path: &Path) -> PathBuf {
+    path.with_extension("yaml")
+}
+
 impl Journal {
-    /// Opens the journal at `path` and returns with it what an interrupted run left there: the
-    /// rows of images that have some under each of `contexts`, by image.
+    /// Opens the journal at `path` and returns with it what an interrupted run left there that has
+    /// one of `contexts`. `facts` are what the contexts depend on, one by one.
     ///
     /// # Errors
     /// The file cannot be written. One that cannot be read is begun anew.
     pub fn open(
         path: &Path,
         contexts: &[RowContext],
-    ) -> Result<(Self, BTreeMap<String, Vec<Row>>), JournalError> {
+        facts: &Identity,
+    ) -> Result<(Self, Before), JournalError> {
         let found = read(path);
+        let is_other = |row: &Row| !contexts.contains(&row.context);
+        let changes = found.iter().any(is_other).then(|| {
+            let known: Option<Identity> = yaml::load(&facts_path(path)).ok();
+            let changes = known.and_then(|known| known.changes_to(facts));
+            changes.unwrap_or_else(|| "it is not known what it was measured with".to_owned())
+        });
         let last = found.last().map(|row| row.image.clone());
         let mut by_image: BTreeMap<String, Vec<Row>> = BTreeMap::new();
         for row in found {
@@ -64,21 +96,23 @@ impl Journal {
                 rows.iter().map(|r| r.context.protocol.as_str()).collect();
             protocols.len() == contexts.len()
         });
-        let failed = |source| JournalError::Rows {
+        let failed = |reason| JournalError::Rows {
             path: path.to_path_buf(),
-            source,
+            reason,
         };
         let kept: Vec<Row> = by_image.values().flatten().cloned().collect();
         let mut bytes = Vec::new();
         rows::write(&kept, &mut bytes).map_err(failed)?;
         files::write_atomic(path, &bytes)?;
+        files::write_atomic(&facts_path(path), yaml::to_string(facts)?.as_bytes())?;
         let file = File::options().append(true).open(path);
         let file = file.map_err(|error| failed(error.into()))?;
         let journal = Self {
             path: path.to_path_buf(),
             file,
         };
-        Ok((journal, by_image))
+        let rows = by_image;
+        Ok((journal, Before { rows, changes }))
     }
 
     /// Adds the rows of one image.
@@ -90,9 +124,9 @@ impl Journal {
         let mut bytes = Vec::new();
         rows::append(rows, &mut bytes)
             .and_then(|()| Ok(std::io::Write::write_all(&mut self.file, &bytes)?))
-            .map_err(|source| JournalError::Rows {
+            .map_err(|reason| JournalError::Rows {
                 path: self.path.clone(),
-                source,
+                reason,
             })
     }
 }
@@ -128,6 +162,12 @@ mod tests {
             .into()
     }
 
+    fn facts(data: &str) -> Identity {
+        let mut facts = Identity::of_bytes("f");
+        facts.add("prepared set", data);
+        facts
+    }
+
     fn rows_of(image: &str) -> Vec<Row> {
         let metrics = Metrics {
             abs_rel: 0.1,
@@ -153,8 +193,8 @@ mod tests {
     /// A journal of three images.
     fn written(folder: &Path) -> PathBuf {
         let path = folder.join("unfinished-m.csv");
-        let (mut journal, before) = Journal::open(&path, &contexts()).unwrap();
-        assert!(before.is_empty());
+        let (mut journal, before) = Journal::open(&path, &contexts(), &facts("e")).unwrap();
+        assert_eq!(before, Before::default());
         for image in ["x/1", "x/2", "x/3"] {
             journal.add(&rows_of(image)).unwrap();
         }
@@ -162,8 +202,8 @@ mod tests {
     }
 
     fn images(path: &Path, contexts: &[RowContext]) -> Vec<String> {
-        let (_, found) = Journal::open(path, contexts).unwrap();
-        found.into_keys().collect()
+        let (_, found) = Journal::open(path, contexts, &facts("e")).unwrap();
+        found.rows.into_keys().collect()
     }
 
     #[test]
@@ -174,7 +214,8 @@ mod tests {
         let mut most = 0;
         for end in 0..=whole.len() {
             std::fs::write(&path, &whole[..end]).unwrap();
-            let (_, found) = Journal::open(&path, &contexts()).unwrap();
+            let (_, found) = Journal::open(&path, &contexts(), &facts("e")).unwrap();
+            let found = found.rows;
             for (image, rows) in &found {
                 assert_eq!(rows, &rows_of(image));
             }
@@ -189,10 +230,28 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = written(folder.path());
         assert_eq!(images(&path, &contexts()), ["x/1", "x/2"]);
-        let (mut journal, _) = Journal::open(&path, &contexts()).unwrap();
+        let (mut journal, _) = Journal::open(&path, &contexts(), &facts("e")).unwrap();
         journal.add(&rows_of("x/9")).unwrap();
         drop(journal);
         assert_eq!(images(&path, &contexts()), ["x/1"]);
+    }
+
+    #[test]
+    fn what_has_changed_is_said() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = written(folder.path());
+        let mut other = contexts();
+        for context in &mut other {
+            context.data_digest = "other".to_owned();
+        }
+        let (_, before) = Journal::open(&path, &other, &facts("other")).unwrap();
+        assert!(before.rows.is_empty());
+        assert_eq!(before.changes.unwrap(), "prepared set was e and is other");
+        // Once said, it is begun anew.
+        let (_, before) = Journal::open(&path, &other, &facts("other")).unwrap();
+        assert_eq!(before.changes, None);
+        remove(&path).unwrap();
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
     #[test]

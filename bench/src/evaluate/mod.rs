@@ -14,7 +14,9 @@
 //! Not here: metrics and rules ([`strat_metrics`]), and what a model's tensors mean
 //! ([`crate::model`]).
 
+pub mod agreement;
 pub mod comparison;
+pub mod identity;
 pub mod journal;
 pub mod median;
 pub mod pipeline;
@@ -31,6 +33,7 @@ use std::{collections::BTreeSet, ops::ControlFlow, path::PathBuf};
 
 use image::RgbImage;
 use strat_metrics::{PostProcessing, Protocol, Row, RowContext};
+use strat_onnx::metadata::OutputMeaning;
 use strat_store::{
     progress::Progress,
     raster::Plane,
@@ -38,6 +41,7 @@ use strat_store::{
 };
 
 use crate::model::{self, InputDescription, Model};
+use agreement::ImageAgreement;
 use median::MedianDepth;
 use pipeline::MAX_INITIAL_FAILURES;
 use predictions::SavedPredictions;
@@ -66,6 +70,20 @@ pub enum Predictor<'a> {
     Saved(&'a SavedPredictions),
     /// The same depth map for every image.
     MedianDepth(&'a MedianDepth),
+}
+
+impl Predictor<'_> {
+    /// Its maps hold depth in metres, where 0 is none.
+    #[must_use]
+    pub fn gives_depth(&self) -> bool {
+        let meaning = match self {
+            Self::Model(model) => model.description.output.meaning(),
+            Self::Saved(saved) => saved.meaning(),
+            // Becomes disparity before it is scored.
+            Self::MedianDepth(_) => return false,
+        };
+        meaning == OutputMeaning::DepthM
+    }
 }
 
 /// What is to be evaluated, the same for all predictors of a run.
@@ -106,6 +124,15 @@ pub trait Observer {
     fn scored(&mut self, rows: &[Row]) -> Result<(), Self::Error>;
 }
 
+/// Why not all images were tried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GaveUp {
+    /// The first images all failed.
+    Failing,
+    /// The first image shows that no map is what its description says.
+    Refused,
+}
+
 /// The outcome of one predictor.
 #[derive(Debug, Default)]
 pub struct Evaluation {
@@ -115,8 +142,10 @@ pub struct Evaluation {
     pub failures: Vec<Failure>,
     /// Comparisons of the images that were asked for.
     pub comparisons: Vec<Comparison>,
-    /// The run was given up because nothing worked.
-    pub gave_up: bool,
+    /// How depth lies beside the truth, by image, for those that could be scored.
+    pub agreements: Vec<ImageAgreement>,
+    /// Why the rest was not tried.
+    pub gave_up: Option<GaveUp>,
 }
 
 impl Observer for () {
@@ -134,7 +163,9 @@ impl Observer for () {
 /// Why no further images are taken.
 enum Ended<E> {
     /// Nothing has worked.
-    GaveUp,
+    Failing,
+    /// The first image shows that no map is what it is said to be.
+    Refused,
     /// The observer wants no more.
     ByObserver(E),
 }
@@ -163,15 +194,16 @@ pub fn evaluate<O: Observer>(
         Predictor::Model(model) => run_network(&mut collector, model, pool, observer),
         Predictor::Saved(saved) => {
             let take = |sample: &Sample| {
-                let map = saved.map(&sample.id)?;
+                let map = saved.map_of(sample)?;
                 let width = map.width as f32;
                 Ok(Prediction::new(map, saved.meaning(), width))
             };
-            score_given(&mut collector, take, pool, observer)
+            let has_scale = saved.meaning() != OutputMeaning::InverseDepth;
+            score_given(&mut collector, take, has_scale, pool, observer)
         }
         Predictor::MedianDepth(median) => {
             let take = |_: &Sample| Ok(Prediction::ConstantDepthM(median.depth_m.clone()));
-            score_given(&mut collector, take, pool, observer)
+            score_given(&mut collector, take, true, pool, observer)
         }
     };
     let Collector {
@@ -182,7 +214,10 @@ pub fn evaluate<O: Observer>(
     } = collector;
     match ended {
         ControlFlow::Continue(()) => {}
-        ControlFlow::Break(Ended::GaveUp) => outcome.gave_up = images < task.samples.len(),
+        ControlFlow::Break(Ended::Refused) => outcome.gave_up = Some(GaveUp::Refused),
+        ControlFlow::Break(Ended::Failing) => {
+            outcome.gave_up = (images < task.samples.len()).then_some(GaveUp::Failing);
+        }
         ControlFlow::Break(Ended::ByObserver(error)) => return Err(error),
     }
     outcome.rows = rows.into_iter().flatten().collect();
@@ -193,6 +228,7 @@ pub fn evaluate<O: Observer>(
 fn score_given<O: Observer>(
     collector: &mut Collector<'_>,
     take: impl Fn(&Sample) -> Result<Prediction, SampleError> + Sync,
+    has_scale: bool,
     pool: &rayon::ThreadPool,
     observer: &mut O,
 ) -> ControlFlow<Ended<O::Error>> {
@@ -211,6 +247,7 @@ fn score_given<O: Observer>(
             let image = wanted.then(|| load_image(task.set, sample).ok()).flatten();
             let predicted = Predicted {
                 plain,
+                has_scale,
                 // There is no prediction for the mirrored image.
                 flipped: None,
                 image,
@@ -292,6 +329,7 @@ fn predict(model: &mut Model, prepared: Prepared, flip: bool) -> Result<Predicte
     let meaning = model.description.output.meaning();
     Ok(Predicted {
         plain: Prediction::new(plain, meaning, width),
+        has_scale: meaning != OutputMeaning::InverseDepth,
         flipped: flipped.map(|plane| Prediction::new(plane, meaning, width)),
         image,
     })
@@ -316,6 +354,8 @@ impl Collector<'_> {
         scored: Result<Scored, SampleError>,
         observer: &mut O,
     ) -> ControlFlow<Ended<O::Error>> {
+        let is_first = self.images == 0;
+        let is_refused = is_first && scored.as_ref().is_err_and(SampleError::condemns_all);
         let own = self.rows_of(sample, scored);
         if let Err(error) = observer.scored(&own.concat()) {
             return ControlFlow::Break(Ended::ByObserver(error));
@@ -325,9 +365,12 @@ impl Collector<'_> {
         }
         self.images += 1;
         self.progress.add(1);
+        if is_refused {
+            return ControlFlow::Break(Ended::Refused);
+        }
         let failed = self.outcome.failures.len() >= MAX_INITIAL_FAILURES;
         if failed && self.rows.iter().all(Vec::is_empty) {
-            return ControlFlow::Break(Ended::GaveUp);
+            return ControlFlow::Break(Ended::Failing);
         }
         ControlFlow::Continue(())
     }
@@ -342,7 +385,11 @@ impl Collector<'_> {
                 reason: error.to_string(),
             });
         };
-        let Scored { scores, comparison } = match scored {
+        let Scored {
+            scores,
+            agreement,
+            comparison,
+        } = match scored {
             Ok(scored) => scored,
             Err(error) => {
                 fail(error);
@@ -359,6 +406,7 @@ impl Collector<'_> {
             rows.push(scores.into_iter().map(row).collect());
         }
         outcome.comparisons.extend(comparison);
+        outcome.agreements.extend(agreement);
         rows
     }
 }

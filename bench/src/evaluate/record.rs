@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 use strat_metrics::{Protocol, Row};
 use strat_store::{set::Content, shard::Shard};
 
+use super::{agreement::Agreement, identity::Identity};
+
 /// The version that rows and records name.
 pub const TOOL_VERSION: &str = env!("CARGO_PKG_VERSION");
 
@@ -100,6 +102,9 @@ pub struct ModelRecord {
     pub file: Option<PathBuf>,
     /// BLAKE3 of the file, or of the baseline's map.
     pub blake3: String,
+    /// All that identifies its rows: the file, the description beside it, whose map is whose.
+    #[serde(default, skip_serializing_if = "Identity::is_empty")]
+    pub identity: Identity,
     /// How it is fed and read.
     pub description: Option<crate::model::Description>,
     /// What its numbers are, where they were saved and no model ran.
@@ -115,6 +120,9 @@ pub struct ModelRecord {
     pub provider: String,
     /// Largest difference to the trainer's own output for the probe image.
     pub probe_max_difference: Option<f32>,
+    /// How its depth lies beside the truth as a whole, over the images measured here.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub agreement: Option<Agreement>,
     /// Images with at least one row.
     pub images: usize,
     /// Wall-clock time of the whole prediction path, decoding and metrics included.
@@ -131,6 +139,7 @@ impl ModelRecord {
         Self {
             name: name.to_owned(),
             file: None,
+            identity: Identity::of_bytes(&blake3),
             blake3,
             description: None,
             saved: None,
@@ -139,10 +148,27 @@ impl ModelRecord {
             runtime: "none".to_owned(),
             provider: "none".to_owned(),
             probe_max_difference: None,
+            agreement: None,
             images: 0,
             seconds: 0.0,
             note: None,
         }
+    }
+}
+
+impl ModelRecord {
+    /// All that the numbers of its rows depend on, protocol and data aside.
+    #[must_use]
+    pub fn facts(&self) -> Identity {
+        // Records of earlier versions know the file only.
+        let mut facts = if self.identity.is_empty() {
+            Identity::of_bytes(&self.blake3)
+        } else {
+            self.identity.clone()
+        };
+        facts.add("runtime", &self.runtime);
+        facts.add("provider", &self.provider);
+        facts
     }
 }
 

@@ -24,7 +24,10 @@ use strat_store::{
 };
 
 use super::{
-    Comparison, Evaluation, NamedFile, Observer, Predictor, Task, evaluate,
+    Comparison, Evaluation, GaveUp, NamedFile, Observer, Predictor, Task,
+    agreement::Agreement,
+    evaluate,
+    identity::Identity,
     journal::{self, Journal, JournalError},
     median::{self, MedianDepth},
     plan::{self, PlanError, TableChoice},
@@ -121,7 +124,7 @@ impl Finished {
     pub fn remove_journals(&self) -> Result<(), strat_store::Error> {
         self.journals
             .iter()
-            .try_for_each(|path| files::remove(path))
+            .try_for_each(|path| journal::remove(path))
     }
 }
 
@@ -275,6 +278,7 @@ impl TableRun<'_> {
             runtime: model.runtime().to_owned(),
             provider: model.provider().to_owned(),
             probe_max_difference: vetting.probe.map(|result| result.max_difference),
+            identity: Identity::of_model(&model),
             ..ModelRecord::new(name, model.file.blake3.clone())
         };
         let mut writer = None;
@@ -329,6 +333,7 @@ impl TableRun<'_> {
                 record: ModelRecord {
                     file: Some(file.clone()),
                     saved: Some(saved.description.clone()),
+                    identity: Identity::of_saved(&saved),
                     ..ModelRecord::new(name, saved.blake3.clone())
                 },
                 predictor: Predictor::Saved(&saved),
@@ -388,12 +393,15 @@ impl TableRun<'_> {
 
     /// Measures a subject and puts what is found with the rest.
     fn measure(&mut self, mut subject: Subject<'_>) -> Result<(), RunError> {
+        let gives_depth = subject.predictor.gives_depth();
         let started = Instant::now();
         let evaluation = self.evaluate(&mut subject)?;
         if let Some(writer) = subject.writer {
             writer.finish()?;
         }
+        let agreement = Agreement::of(&evaluation.agreements);
         let record = ModelRecord {
+            agreement,
             images: images_in(&evaluation.rows),
             seconds: started.elapsed().as_secs_f64(),
             ..subject.record
@@ -410,17 +418,30 @@ impl TableRun<'_> {
         {
             eprintln!("error: {model}, image {image}: {reason}");
         }
-        if evaluation.gave_up {
-            self.notes.fail(format!(
+        match evaluation.gave_up {
+            None => {}
+            Some(GaveUp::Failing) => self.notes.fail(format!(
                 "{name}: the first {} images all failed, the rest was not tried",
                 evaluation.failures.len()
-            ));
+            )),
+            Some(GaveUp::Refused) => self.notes.fail(format!(
+                "{name} is refused at the first image: its maps are not what its description says"
+            )),
         }
-        let (counted, dead) = floored(name, &evaluation.rows);
-        if let Some(text) = counted {
-            self.notes.note(&text);
+        if let Some(agreement) = agreement {
+            self.notes.say(&format!("{name}: {}", agreement.text()));
+            for doubt in agreement.doubts() {
+                self.notes.warn(format!("{name}: {doubt}"));
+            }
         }
-        if let Some(text) = dead {
+        let rows = &evaluation.rows;
+        match unpredicted(name, rows, gives_depth) {
+            // Figures of another set of pixels than those of other models.
+            Some(text) if gives_depth => self.notes.warn(text),
+            Some(text) => self.notes.note(&text),
+            None => {}
+        }
+        if let Some(text) = dead(name, rows).filter(|_| !gives_depth) {
             self.notes.warn(text);
         }
         self.failures.extend(evaluation.failures);
@@ -446,8 +467,24 @@ impl TableRun<'_> {
         let path = self
             .folder
             .join(format!("{}{}.csv", journal::PREFIX, slug(name)));
-        let (journal, mut before) = Journal::open(&path, &contexts)?;
+        let mut facts = subject.record.facts();
+        facts.add("bench", record::TOOL_VERSION);
+        facts.add("prepared set", &self.set.manifest.data_digest);
+        for context in &contexts {
+            facts.add(
+                &format!("protocol {}", context.protocol),
+                &context.protocol_digest,
+            );
+        }
+        let (journal, before) = Journal::open(&path, &contexts, &facts)?;
         self.journals.push(path);
+        if let Some(changes) = before.changes {
+            self.notes.note(&format!(
+                "{name}: what the interrupted run has measured is measured again, since it is another \
+                 row: {changes}"
+            ));
+        }
+        let mut before = before.rows;
         // Rows alone make neither pictures nor saved predictions.
         let saving = subject.writer.is_some();
         before.retain(|image, _| !saving && !self.pictured.contains(image));
@@ -514,7 +551,7 @@ impl TableRun<'_> {
         let metadata = record.metadata.as_ref();
         RowContext {
             model: record.name.clone(),
-            model_hash: record.blake3.clone(),
+            model_hash: record.identity.digest(),
             variant: metadata.and_then(|metadata| metadata.variant.clone()),
             protocol: protocol.name.clone(),
             protocol_digest: protocol.digest(),
@@ -612,34 +649,50 @@ fn extremes(rows: &[Row], count: usize) -> BTreeSet<String> {
     ends.map(|row| row.image.clone()).collect()
 }
 
-/// What there is to say about pixels without disparity, which a protocol's floor keeps from
-/// infinity (PROTOCOL D8): how many there are, and whether an output is dead.
-fn floored(name: &str, rows: &[Row]) -> (Option<String>, Option<String>) {
-    let Some(first) = rows.iter().find(|row| row.score.floored_pixels > 0) else {
-        return (None, None);
-    };
+/// What there is to say about pixels without a usable prediction (PROTOCOL D8): how many there are,
+/// and what that means for the figures.
+fn unpredicted(name: &str, rows: &[Row], gives_depth: bool) -> Option<String> {
+    let first = rows.iter().find(|row| row.score.floored_pixels > 0)?;
     let protocol = &first.context.protocol;
     let own = || rows.iter().filter(|row| row.context.protocol == *protocol);
     let sum = |count: fn(&Row) -> u64| own().map(count).sum::<u64>();
-    let dead: BTreeSet<&str> = own()
+    let (missing, scored) = (
+        sum(|row| row.score.floored_pixels),
+        sum(|row| row.score.pixels),
+    );
+    Some(if gives_depth {
+        format!(
+            "{name}: {missing} of {} pixels under {protocol} have no depth (0 is none) and are left \
+             out; figures are of the other {:.1} % alone (columns pixels and floored_pixels of \
+             rows.csv)",
+            missing + scored,
+            100.0 * scored as f64 / (missing + scored) as f64
+        )
+    } else {
+        format!(
+            "{name}: {missing} of {scored} pixels scored under {protocol} had a disparity of zero or \
+             nearly zero and were scored at its floor, far away (column floored_pixels of rows.csv)"
+        )
+    })
+}
+
+/// Whether maps of disparity have none anywhere. Dead maps of depth fail and say so themselves.
+fn dead(name: &str, rows: &[Row]) -> Option<String> {
+    let first = rows.iter().find(|row| row.score.floored_pixels > 0)?;
+    let dead: BTreeSet<&str> = rows
+        .iter()
+        .filter(|row| row.context.protocol == first.context.protocol)
         .filter(|row| row.score.floored_pixels == row.score.pixels)
         .map(|row| row.image.as_str())
         .collect();
-    let counted = format!(
-        "{name}: {} of {} pixels scored under {protocol} had a disparity of zero or nearly zero \
-         and were scored at its floor, far away (column floored_pixels of rows.csv)",
-        sum(|row| row.score.floored_pixels),
-        sum(|row| row.score.pixels)
-    );
-    let dead = dead.first().map(|first| {
+    dead.first().map(|first| {
         format!(
-            "DEAD OUTPUT: model {name} gives no disparity above the floor in {} of {} images, \
-             such as {first}; its figures say nothing about depth",
+            "DEAD OUTPUT: model {name} gives no disparity above the floor in {} of {} images, such as \
+             {first}; its figures say nothing about depth",
             dead.len(),
             images_in(rows)
         )
-    });
-    (Some(counted), dead)
+    })
 }
 
 fn images_in(rows: &[Row]) -> usize {

@@ -57,21 +57,35 @@ pub enum SampleError {
     #[error(transparent)]
     Saved(#[from] SavedError),
     /// Ground truth that is none.
-    #[error("{path}: {source}")]
+    #[error("{path}: {reason}")]
     GroundTruth {
         /// The file, relative to the set.
         path: String,
         /// Why.
-        source: EvaluateError,
+        reason: EvaluateError,
     },
     /// The image cannot be scored under a protocol.
-    #[error("{protocol}: {source}")]
+    #[error("{protocol}: {reason}")]
     Evaluate {
         /// Name of the protocol.
         protocol: String,
         /// Why.
-        source: EvaluateError,
+        reason: EvaluateError,
     },
+}
+
+impl SampleError {
+    /// What is wrong is wrong with all maps, not with this image.
+    pub(super) fn condemns_all(&self) -> bool {
+        matches!(
+            self,
+            Self::Model(
+                ModelError::Implausible { .. }
+                    | ModelError::OutputShape { .. }
+                    | ModelError::NoOutput { .. }
+            ) | Self::Saved(SavedError::Implausible { .. })
+        )
+    }
 }
 
 /// The image that a model is shown: the untouched one where the set has it.
@@ -154,9 +168,9 @@ impl<'a> Scene<'a> {
             let labels = load_labels(self.set, self.sample)?;
             truth
                 .set_labels(labels)
-                .map_err(|source| SampleError::Evaluate {
+                .map_err(|reason| SampleError::Evaluate {
                     protocol: protocol.name.clone(),
-                    source,
+                    reason,
                 })?;
         }
         Ok(truth)
@@ -220,8 +234,8 @@ fn load_truth(
         Some(disparity_px) => GroundTruth::stereo(size, depth.data, disparity_px, camera),
         None => GroundTruth::new(size, depth.data, camera),
     }
-    .map_err(|source| SampleError::GroundTruth {
+    .map_err(|reason| SampleError::GroundTruth {
         path: file.path.clone(),
-        source,
+        reason,
     })
 }

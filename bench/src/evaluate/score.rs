@@ -16,6 +16,7 @@ use strat_store::{
 };
 
 use super::{
+    agreement::{self, ImageAgreement},
     comparison::{self, Comparison},
     sample::{SampleError, Scene},
 };
@@ -69,9 +70,10 @@ impl Prediction {
     /// The map at another size, where it does not depend on a protocol's camera.
     fn resized(&self, width: usize, height: usize) -> Option<Plane> {
         match self {
-            Self::DisparityFraction(plane)
-            | Self::InverseDepthPerM(plane)
-            | Self::DepthM(plane) => Some(resize::bilinear_f32(plane, width, height)),
+            Self::DisparityFraction(plane) | Self::InverseDepthPerM(plane) => {
+                Some(resize::bilinear_f32(plane, width, height))
+            }
+            Self::DepthM(plane) => Some(resized_depth(plane, width, height)),
             Self::ConstantDepthM(_) => None,
         }
     }
@@ -80,6 +82,8 @@ impl Prediction {
 /// A prediction on its way to the metrics.
 pub(super) struct Predicted {
     pub(super) plain: Prediction,
+    /// Its depth is in metres, given a camera.
+    pub(super) has_scale: bool,
     /// Blended with the prediction for the mirrored image, where a protocol asks for it.
     pub(super) flipped: Option<Prediction>,
     /// The image, where a picture is wanted.
@@ -90,6 +94,8 @@ pub(super) struct Predicted {
 pub(super) struct Scored {
     /// By protocol, in the order in which they were given.
     pub(super) scores: Vec<Result<Vec<ImageScore>, SampleError>>,
+    /// Under the first protocol that scores images as wholes.
+    pub(super) agreement: Option<ImageAgreement>,
     /// What a picture shows: the score under the first protocol without groups that gives one.
     pub(super) comparison: Option<Comparison>,
 }
@@ -104,6 +110,7 @@ pub(super) fn score(
     let (width, height) = (sample.width as usize, sample.height as usize);
     let Predicted {
         plain,
+        has_scale,
         flipped,
         image,
     } = predicted;
@@ -116,6 +123,7 @@ pub(super) fn score(
     let flipped = flipped.map(at_image_size);
     let mut scene = Scene::new(set, sample);
     let mut comparison: Option<Comparison> = None;
+    let mut agreement = None;
     let scores_whole_images = |protocol: &Protocol| protocol.grouping == Grouping::None;
     let is_any_whole = protocols
         .iter()
@@ -128,9 +136,9 @@ pub(super) fn score(
         }
         // What one protocol lacks does not cost the others their rows.
         let truth = scene.needed_by(protocol)?;
-        let unscored = |source| SampleError::Evaluate {
+        let unscored = |reason| SampleError::Evaluate {
             protocol: protocol.name.clone(),
-            source,
+            reason,
         };
         let (prediction, shared) = match (&flipped, protocol.post_processing) {
             (Some(flipped), PostProcessing::Flip) => flipped,
@@ -151,6 +159,11 @@ pub(super) fn score(
         );
         let compared = compared.as_ref();
         let gives_depth = matches!(prediction, Prediction::DepthM(_));
+        if agreement.is_none() && scores_whole_images(protocol) {
+            let width_m = (!gives_depth).then_some(depth_at_width_m);
+            let pairs = pairs(protocol, truth, &compared.data, width_m);
+            agreement = agreement::of_image(&pairs, has_scale);
+        }
         let has_picture = comparison.as_ref().is_some_and(|one| one.scored.is_some());
         let is_drawn = !has_picture && (scores_whole_images(protocol) || !is_any_whole);
         let Some(input) = image.as_ref().filter(|_| is_drawn) else {
@@ -202,6 +215,7 @@ pub(super) fn score(
         scores: protocols
             .map(|(protocol, context)| score_under(protocol, context))
             .collect(),
+        agreement,
         comparison,
     }
 }
@@ -219,6 +233,9 @@ fn compared<'a>(
     use std::borrow::Cow;
     let (width, height) = truth.size();
     let to_truth = |plane: &Plane| match protocol.resize {
+        Resize::DisparityBilinear if matches!(prediction, Prediction::DepthM(_)) => {
+            resized_depth(plane, width, height)
+        }
         Resize::DisparityBilinear => resize::bilinear_f32(plane, width, height),
         Resize::DepthNearest => nearest(plane, width, height),
     };
@@ -245,6 +262,51 @@ fn compared<'a>(
         data: values.map(|value| value * depth_at_width_m).collect(),
         ..*resized
     })
+}
+
+/// True and predicted depth in metres of some measured pixels within the protocol's limits, spread
+/// evenly. A disparity, a fraction of the width, is `depth_at_width_m` of depth away.
+fn pairs(
+    protocol: &Protocol,
+    truth: &GroundTruth,
+    predicted: &[f32],
+    depth_at_width_m: Option<f32>,
+) -> Vec<(f32, f32)> {
+    let limits = protocol.min_depth_m as f32..=protocol.max_depth_m as f32;
+    let indices = truth.measured();
+    let some = indices.iter().step_by(agreement::stride(indices.len()));
+    some.map(|&index| index as usize)
+        .filter(|&index| limits.contains(&truth.depth_m()[index]))
+        .filter_map(|index| {
+            let predicted_m = match depth_at_width_m {
+                // No disparity is as far as can be.
+                Some(depth_m) => depth_m / predicted[index].max(f32::MIN_POSITIVE),
+                // No depth is no prediction.
+                None => Some(predicted[index]).filter(|depth_m| *depth_m > 0.0)?,
+            };
+            Some((truth.depth_m()[index], predicted_m))
+        })
+        .collect()
+}
+
+/// Depth at another size. 0 is none, so a pixel that would be mixed with none has none.
+fn resized_depth(plane: &Plane, width: usize, height: usize) -> Plane {
+    let mut resized = resize::bilinear_f32(plane, width, height);
+    if plane.data.iter().all(|depth_m| *depth_m != 0.0) {
+        return resized;
+    }
+    let is_there = |depth_m: &f32| if *depth_m == 0.0 { 0.0 } else { 1.0 };
+    let there = Plane {
+        data: plane.data.iter().map(is_there).collect(),
+        ..*plane
+    };
+    let there = resize::bilinear_f32(&there, width, height);
+    for (depth_m, share) in resized.data.iter_mut().zip(there.data) {
+        if share < 0.9999 {
+            *depth_m = 0.0;
+        }
+    }
+    resized
 }
 
 /// The nearest sample for the centre of each pixel of another size.

@@ -55,8 +55,8 @@ pub enum ShardsError {
     },
     /// Parts of different runs.
     #[error(
-        "parts {first} and {other} in {} do not belong together: {what} differs; measure one of \
-         them again", folder.display()
+        "parts {first} and {other} in {} do not belong together: {what}; measure one of them \
+         again", folder.display()
     )]
     Different {
         /// The output folder.
@@ -65,8 +65,8 @@ pub enum ShardsError {
         first: Shard,
         /// Another.
         other: Shard,
-        /// What differs.
-        what: &'static str,
+        /// What differs, as a sentence.
+        what: String,
     },
 }
 
@@ -178,6 +178,10 @@ fn joined(parts: Vec<Part>, order: &[String]) -> Option<Outcome> {
         whole.failures.extend(part.failures);
         record.complete &= part.record.complete;
         for (model, own) in record.models.iter_mut().zip(part.record.models) {
+            model.agreement = match (model.agreement, own.agreement) {
+                (Some(a), Some(b)) => Some(a.joined(b)),
+                (a, b) => a.or(b),
+            };
             model.images += own.images;
             model.seconds += own.seconds;
         }
@@ -203,10 +207,10 @@ fn joined(parts: Vec<Part>, order: &[String]) -> Option<Outcome> {
 }
 
 /// What makes two parts parts of different runs.
-fn difference(a: &RunRecord, b: &RunRecord) -> Option<&'static str> {
-    let models = |record: &RunRecord| -> Vec<(String, String)> {
+fn difference(a: &RunRecord, b: &RunRecord) -> Option<String> {
+    let names = |record: &RunRecord| -> Vec<String> {
         let models = record.models.iter();
-        models.map(|m| (m.name.clone(), m.blake3.clone())).collect()
+        models.map(|model| model.name.clone()).collect()
     };
     let digests = |record: &RunRecord| -> Vec<(String, String)> {
         let protocols = record.protocols.iter();
@@ -215,16 +219,21 @@ fn difference(a: &RunRecord, b: &RunRecord) -> Option<&'static str> {
             .collect()
     };
     if a.data.data_digest != b.data.data_digest {
-        Some("the digest of the prepared set")
-    } else if a.tool_version != b.tool_version {
-        Some("the version of bench")
-    } else if models(a) != models(b) {
-        Some("the list of models or a model's file")
-    } else if digests(a) != digests(b) || a.tables != b.tables {
-        Some("the list of tables or protocols")
-    } else {
-        None
+        return Some("the digest of the prepared set differs".to_owned());
     }
+    if a.tool_version != b.tool_version {
+        return Some("the version of bench differs".to_owned());
+    }
+    if names(a) != names(b) {
+        return Some("the list of models differs".to_owned());
+    }
+    if digests(a) != digests(b) || a.tables != b.tables {
+        return Some("the list of tables or protocols differs".to_owned());
+    }
+    a.models.iter().zip(&b.models).find_map(|(a, b)| {
+        let changes = a.facts().changes_to(&b.facts())?;
+        Some(format!("of model {}, {changes}", a.name))
+    })
 }
 
 fn read(folder: &Path, shard: Shard) -> Result<Part, ShardsError> {

@@ -218,31 +218,21 @@ pub fn description_path(model: &Path) -> PathBuf {
     model.with_extension("yaml")
 }
 
-/// What the model's tensors mean: the YAML file beside it when there is one, else its metadata.
-pub(super) fn describe(file: &ModelFile) -> Result<Description, ModelError> {
+/// What the model's tensors mean: the YAML file beside it when there is one (`true`), else its
+/// metadata.
+pub(super) fn describe(file: &ModelFile) -> Result<(Description, bool), ModelError> {
     let model = &file.path;
     let yaml = description_path(model);
     if yaml.is_file() {
         let description: Description =
             strat_store::yaml::load(&yaml).map_err(ModelError::DescriptionFile)?;
-        let input = &description.input;
-        let usable = input.width > 0
-            && input.height > 0
-            && input.std.iter().all(|std| std.is_finite() && *std != 0.0)
-            && input.mean.iter().all(|mean| mean.is_finite());
-        if !usable {
-            return Err(ModelError::Metadata {
-                model: yaml,
-                reason: "width and height must be at least 1, mean and std finite, std not 0"
-                    .to_owned(),
-            });
-        }
-        let numbers = description.output.encoding().check();
-        numbers.map_err(|reason| ModelError::Metadata {
+        let checked = description.input.check();
+        let checked = checked.and_then(|()| description.output.encoding().check());
+        checked.map_err(|reason| ModelError::Metadata {
             model: yaml,
             reason,
         })?;
-        return Ok(description);
+        return Ok((description, true));
     }
     let Some(metadata) = file.info.metadata() else {
         // Metadata that is there but damaged explains itself; nothing at all needs a file.
@@ -264,7 +254,7 @@ pub(super) fn describe(file: &ModelFile) -> Result<Description, ModelError> {
             reason: format!("the resize kernel \"{name}\" is not known"),
         })?,
     };
-    Ok(Description {
+    let description = Description {
         input: InputDescription {
             name: None,
             width: metadata.input_width,
@@ -284,7 +274,8 @@ pub(super) fn describe(file: &ModelFile) -> Result<Description, ModelError> {
             channel: 0,
             layout: Layout::Nchw,
         },
-    })
+    };
+    Ok((description, false))
 }
 
 #[cfg(test)]

@@ -82,7 +82,51 @@ pub enum ModelError {
         /// Of how many.
         total: usize,
     },
+    /// The model ran, but gave a map that cannot be what its description says.
+    #[error("the model's output `{name}` cannot be what its description says: {reason}")]
+    Implausible {
+        /// The output.
+        name: String,
+        /// What cannot be.
+        reason: Implausible,
+    },
     /// The probe that the trainer left cannot be held against this model.
     #[error("the model's own check cannot be made: {0}")]
     Probe(#[from] ProbeError),
+}
+
+/// Why a map cannot be what it is said to be.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Implausible {
+    /// The map has another aspect than what it maps.
+    #[error(
+        "it is a map of {width}x{height} for {what} of {of_width}x{of_height}, which has another \
+         aspect; {hint}"
+    )]
+    Aspect {
+        /// Columns of the map.
+        width: usize,
+        /// Rows of the map.
+        height: usize,
+        /// What it maps.
+        what: &'static str,
+        /// Columns of that.
+        of_width: usize,
+        /// Rows of that.
+        of_height: usize,
+        /// The likely cause, and the key of the description that decides.
+        hint: &'static str,
+    },
+    /// A value that nothing of this meaning can have.
+    #[error("it has the value {value} at row {row}, column {column}, but {rule}")]
+    Value {
+        /// The value.
+        value: f32,
+        /// Its row, from 0.
+        row: usize,
+        /// Its column, from 0.
+        column: usize,
+        /// What cannot be, the likely cause, and the key of the description that decides.
+        rule: String,
+    },
 }

@@ -11,6 +11,7 @@ mod error;
 mod input;
 pub mod leakage;
 mod output;
+pub mod plausible;
 pub mod vet;
 
 use std::path::Path;
@@ -30,7 +31,7 @@ pub use description::{
     ChannelOrder, Description, InputDescription, Layout, OutputDescription, Sigmoid, ValueEncoding,
     description_path,
 };
-pub use error::ModelError;
+pub use error::{Implausible, ModelError};
 pub use input::{mirror_input, prepare_input};
 
 /// Largest difference to the trainer's own output that passes without a warning, in units of the
@@ -61,6 +62,8 @@ pub struct Model {
     pub file: ModelFile,
     /// What its tensors mean.
     pub description: Description,
+    /// The description stands in a file beside the model, not in the model itself.
+    pub is_described_beside: bool,
     input: String,
     output: String,
     session: Session,
@@ -80,7 +83,7 @@ impl Model {
         threads: usize,
     ) -> Result<Self, ModelError> {
         let file = strat_onnx::model::read(path)?;
-        let description = describe(&file)?;
+        let (description, is_described_beside) = describe(&file)?;
         let misfit = |reason: String| ModelError::Graph {
             model: path.to_path_buf(),
             reason,
@@ -106,6 +109,7 @@ impl Model {
             name: name.to_owned(),
             file,
             description,
+            is_described_beside,
             input,
             output,
             session,
@@ -165,10 +169,11 @@ impl Model {
     /// left image; its numbers are [`OutputDescription::meaning`].
     ///
     /// # Errors
-    /// The runtime fails, the output is missing, has another shape, or holds NaN or infinity.
+    /// The runtime fails, the output is missing, has another shape, holds NaN or infinity, or cannot
+    /// be what it is said to be.
     pub fn predict(&mut self, input: &[f32]) -> Result<Plane, ModelError> {
         let output = self.run(input, 1)?;
-        left_plane(output, &self.description.output)
+        left_plane(output, &self.description.input, &self.description.output)
     }
 
     /// The disparity of the right view as a fraction of the width, in the right view's own
@@ -192,7 +197,7 @@ impl Model {
         if !matches!(output.shape.as_slice(), &[1, 2, _, _]) {
             return Ok(None);
         }
-        left_plane(output, &right).map(Some)
+        left_plane(output, &self.description.input, &right).map(Some)
     }
 
     /// As [`predict`](Self::predict) for `count` inputs laid one behind the other; one plane each.
@@ -224,7 +229,7 @@ impl Model {
                     shape: [&[1], rest].concat(),
                     data: output.data[index * each..(index + 1) * each].to_vec(),
                 };
-                left_plane(one, &self.description.output)
+                left_plane(one, &self.description.input, &self.description.output)
             })
             .collect()
     }

@@ -3,8 +3,9 @@
 use strat_store::raster::Plane;
 
 use super::{
-    description::{Layout, OutputDescription},
-    error::ModelError,
+    description::{InputDescription, Layout, OutputDescription},
+    error::{Implausible, ModelError},
+    plausible,
 };
 use crate::runtime::Output;
 
@@ -21,9 +22,10 @@ pub(super) fn find(outputs: Vec<Output>, wanted: &str) -> Result<Output, ModelEr
 }
 
 /// Takes the left image's channel out of `[1, c, h, w]` or `[1, h, w, c]`, `[1, h, w]` or
-/// `[h, w]`, and undoes what the description says was done to it.
+/// `[h, w]`, and undoes what the description says was done to it. It shows what `input` shows.
 pub(super) fn left_plane(
     output: Output,
+    input: &InputDescription,
     description: &OutputDescription,
 ) -> Result<Plane, ModelError> {
     let channel = description.channel;
@@ -44,6 +46,12 @@ pub(super) fn left_plane(
             name: output.name,
         });
     }
+    let implausible = |name: &str, reason: Implausible| ModelError::Implausible {
+        name: name.to_owned(),
+        reason,
+    };
+    plausible::check_output((width, height), input)
+        .map_err(|reason| implausible(&output.name, reason))?;
     let mut data = output.data;
     match description.layout {
         Layout::Nchw => {
@@ -61,7 +69,10 @@ pub(super) fn left_plane(
             total: plane,
         });
     }
-    description.encoding().apply(&mut data);
+    let encoding = description.encoding();
+    plausible::check_values(&encoding, &data, width, input.width as usize)
+        .map_err(|reason| implausible(&output.name, reason))?;
+    encoding.apply(&mut data);
     Ok(Plane {
         width,
         height,
@@ -71,9 +82,11 @@ pub(super) fn left_plane(
 
 #[cfg(test)]
 mod tests {
-    use strat_onnx::metadata::OutputMeaning;
+    use strat_onnx::metadata::{InputRange, OutputMeaning};
+    use strat_store::resize::Kernel;
 
     use super::*;
+    use crate::model::ChannelOrder;
 
     /// Disparity in the given channel, channels first.
     fn channel(channel: usize) -> OutputDescription {
@@ -87,6 +100,21 @@ mod tests {
         }
     }
 
+    /// An input of the aspect of a map.
+    fn input(width: u32, height: u32) -> InputDescription {
+        InputDescription {
+            name: None,
+            width,
+            height,
+            range: InputRange::Unit,
+            mean: [0.0; 3],
+            std: [1.0; 3],
+            channels: ChannelOrder::Rgb,
+            layout: Layout::Nchw,
+            kernel: Kernel::Area,
+        }
+    }
+
     fn output(shape: &[usize], data: Vec<f32>) -> Output {
         Output {
             name: "disparity".to_owned(),
@@ -97,23 +125,38 @@ mod tests {
 
     #[test]
     fn the_left_plane_is_the_stated_channel() {
-        let data: Vec<f32> = (0..12_u8).map(f32::from).collect();
-        let plane = left_plane(output(&[1, 2, 2, 3], data.clone()), &channel(0)).unwrap();
+        let data: Vec<f32> = (0..12_u8).map(|value| f32::from(value) / 12.0).collect();
+        let plane = left_plane(
+            output(&[1, 2, 2, 3], data.clone()),
+            &input(3, 2),
+            &channel(0),
+        )
+        .unwrap();
         assert_eq!(plane.data, data[..6]);
-        let plane = left_plane(output(&[1, 2, 2, 3], data.clone()), &channel(1)).unwrap();
+        let plane = left_plane(
+            output(&[1, 2, 2, 3], data.clone()),
+            &input(3, 2),
+            &channel(1),
+        )
+        .unwrap();
         assert_eq!(plane.data, data[6..]);
         assert_eq!((plane.width, plane.height), (3, 2));
-        let plane = left_plane(output(&[1, 3, 4], data.clone()), &channel(0)).unwrap();
+        let plane =
+            left_plane(output(&[1, 3, 4], data.clone()), &input(4, 3), &channel(0)).unwrap();
         assert_eq!((plane.width, plane.height), (4, 3));
         let last = OutputDescription {
             layout: Layout::Nhwc,
             ..channel(1)
         };
-        let plane = left_plane(output(&[1, 2, 3, 2], data.clone()), &last).unwrap();
-        assert_eq!(plane.data, [1.0, 3.0, 5.0, 7.0, 9.0, 11.0]);
+        let plane = left_plane(output(&[1, 2, 3, 2], data.clone()), &input(3, 2), &last).unwrap();
+        assert_eq!(
+            plane.data,
+            [1.0, 3.0, 5.0, 7.0, 9.0, 11.0].map(|value| value / 12.0)
+        );
         assert_eq!((plane.width, plane.height), (3, 2));
         for (shape, number) in [(&[2, 1, 2, 3][..], 0), (&[1, 2, 2, 3], 2), (&[12], 0)] {
-            let error = left_plane(output(shape, data.clone()), &channel(number)).unwrap_err();
+            let error = left_plane(output(shape, data.clone()), &input(3, 2), &channel(number))
+                .unwrap_err();
             assert!(error.to_string().contains("shape"), "{error}");
         }
     }
@@ -123,10 +166,22 @@ mod tests {
         let mut data = vec![0.1; 6];
         data[4] = f32::NAN;
         data[5] = f32::INFINITY;
-        let error = left_plane(output(&[1, 1, 2, 3], data), &channel(0)).unwrap_err();
+        let error = left_plane(output(&[1, 1, 2, 3], data), &input(3, 2), &channel(0)).unwrap_err();
         assert!(
             error.to_string().contains("row 1, column 1 (2 of 6 values"),
             "{error}"
         );
+    }
+
+    /// A network of channels last whose description says so of the input alone, and one that gives
+    /// pixels for fractions.
+    #[test]
+    fn what_cannot_be_a_map_of_the_input_is_refused() {
+        let one_row = output(&[1, 96, 160, 1], vec![0.1; 96 * 160]);
+        let error = left_plane(one_row, &input(160, 96), &channel(0)).unwrap_err();
+        assert!(error.to_string().contains("`layout`"), "{error}");
+        let pixels = output(&[1, 1, 2, 3], vec![0.5, 12.0, 0.5, 0.5, 0.5, 0.5]);
+        let error = left_plane(pixels, &input(3, 2), &channel(0)).unwrap_err();
+        assert!(error.to_string().contains("disparity_px"), "{error}");
     }
 }

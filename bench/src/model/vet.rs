@@ -1,9 +1,10 @@
 //! What is asked of every model before anything is measured or drawn with it: the trainer's own
-//! probe, and whether it was trained on what it is tested on.
+//! probe, whether it was trained on what it is tested on, and with which camera.
 //!
 //! Every subcommand that runs a model passes here; each decides only whether what is found is a
 //! warning or a refusal.
 
+use strat_onnx::metadata::OutputMeaning;
 use strat_store::set::{Content, Sample};
 
 use super::{
@@ -48,6 +49,9 @@ pub fn vet(model: &mut Model, tested: Option<(Content, &[Sample])>) -> Result<Ve
             .collect(),
         notes: Vec::new(),
     };
+    if let Some(doubt) = model.description.input.doubt() {
+        vetting.warnings.push(format!("model {name}: {doubt}"));
+    }
     if let Some((content, samples)) = tested {
         let leakage = leakage::check(model.file.info.metadata(), content, samples);
         match &leakage {
@@ -68,6 +72,11 @@ pub fn vet(model: &mut Model, tested: Option<(Content, &[Sample])>) -> Result<Ve
             )),
         }
         vetting.leakage = Some(leakage);
+        let cameras = samples.iter().map(|sample| {
+            let focal_fraction = sample.focal_px / f64::from(sample.width);
+            (focal_fraction, sample.baseline_m)
+        });
+        vetting.warnings.extend(other_camera(model, cameras));
     }
     vetting.probe = model.probe()?;
     match vetting.probe {
@@ -89,4 +98,34 @@ pub fn vet(model: &mut Model, tested: Option<(Content, &[Sample])>) -> Result<Ve
         )),
     }
     Ok(vetting)
+}
+
+/// Says so where a model of disparity was trained with another camera than that of images it is to
+/// see: their focal lengths, as fractions of their widths, and baselines. Cameras that are not known
+/// (0) are left out.
+pub fn other_camera(
+    model: &Model,
+    cameras: impl IntoIterator<Item = (f64, f64)>,
+) -> Option<String> {
+    let meaning = model.description.output.meaning();
+    let is_disparity = matches!(
+        meaning,
+        OutputMeaning::DisparityFraction | OutputMeaning::DisparityPx
+    );
+    let trained = model.file.info.metadata().and_then(|m| m.camera);
+    let trained = trained.filter(|_| is_disparity)?;
+    let (mut images, mut first) = (0, None);
+    for (focal_fraction, baseline_m) in cameras {
+        if focal_fraction > 0.0 && baseline_m > 0.0 {
+            let difference = trained.difference(focal_fraction, baseline_m);
+            images += usize::from(difference.is_some());
+            first = first.or(difference);
+        }
+    }
+    first.map(|difference| {
+        format!(
+            "OTHER CAMERA: {}, {images} images: {difference}",
+            model.name
+        )
+    })
 }

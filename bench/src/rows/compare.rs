@@ -19,12 +19,12 @@ pub enum CompareError {
     #[error(transparent)]
     Store(#[from] strat_store::Error),
     /// A file is no rows file.
-    #[error("{path}: {source}")]
+    #[error("{path}: {reason}")]
     Csv {
         /// The file.
         path: PathBuf,
         /// Why.
-        source: strat_metrics::CsvError,
+        reason: strat_metrics::CsvError,
     },
     /// Two files contradict each other.
     #[error(transparent)]
@@ -45,9 +45,9 @@ pub enum CompareError {
 /// # Errors
 /// It cannot be read or is no rows file.
 pub fn read_rows(path: &Path) -> Result<Vec<Row>, CompareError> {
-    rows::read(files::read(path)?.as_slice()).map_err(|source| CompareError::Csv {
+    rows::read(files::read(path)?.as_slice()).map_err(|reason| CompareError::Csv {
         path: path.to_owned(),
-        source,
+        reason,
     })
 }
 

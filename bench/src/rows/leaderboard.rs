@@ -30,12 +30,12 @@ pub enum PublishError {
     #[error(transparent)]
     Mixed(#[from] RowsError),
     /// A file is no leaderboard.
-    #[error("{path}: {source}")]
+    #[error("{path}: {reason}")]
     Csv {
         /// The file.
         path: PathBuf,
         /// Why.
-        source: strat_metrics::CsvError,
+        reason: strat_metrics::CsvError,
     },
     /// Files that contradict each other.
     #[error(transparent)]
@@ -86,9 +86,9 @@ pub fn coverage_of(rows_file: &Path, rows: &[Row]) -> Result<Coverage, PublishEr
 /// # Errors
 /// It cannot be read or is none.
 pub fn read(path: &Path) -> Result<Vec<Entry>, PublishError> {
-    leaderboard::read(files::read(path)?.as_slice()).map_err(|source| PublishError::Csv {
+    leaderboard::read(files::read(path)?.as_slice()).map_err(|reason| PublishError::Csv {
         path: path.to_owned(),
-        source,
+        reason,
     })
 }
 

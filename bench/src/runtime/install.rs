@@ -98,14 +98,14 @@ pub enum SetupError {
         folder: PathBuf,
     },
     /// A folder could not be made, renamed or read.
-    #[error("{what} {}: {source}", path.display())]
+    #[error("{what} {}: {reason}", path.display())]
     Folder {
         /// What was attempted, as the beginning of a sentence.
         what: &'static str,
         /// The folder.
         path: PathBuf,
         /// The system's answer.
-        source: std::io::Error,
+        reason: std::io::Error,
     },
 }
 
@@ -208,7 +208,7 @@ pub fn install(options: &SetupOptions, paths: &SearchPaths) -> Result<Installed,
     let folder = root.join(folder_name(options.gpu));
     let at = |what: &'static str, path: &Path| {
         let path = path.to_path_buf();
-        move |source| SetupError::Folder { what, path, source }
+        move |reason| SetupError::Folder { what, path, reason }
     };
     std::fs::create_dir_all(&root).map_err(at("could not make the folder", &root))?;
     let unpacked = tempfile::Builder::new()
@@ -297,10 +297,10 @@ fn pip_install(requirements: &[String], target: &Path) -> Result<(), SetupError>
         .args(requirements)
         .stdin(Stdio::null())
         .output()
-        .map_err(|source| SetupError::Folder {
+        .map_err(|reason| SetupError::Folder {
             what: "could not start python3 for",
             path: target.to_path_buf(),
-            source,
+            reason,
         })?;
     if output.status.success() {
         return Ok(());

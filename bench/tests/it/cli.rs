@@ -436,12 +436,12 @@ fn a_missing_or_unfinished_set_is_named() {
     fs::remove_file(world.path("set/manifest.yaml")).unwrap();
     world
         .bench("3.1", "out", &[])
-        .code(1)
+        .code(2)
         .says("is not a finished prepared set");
     fs::remove_dir_all(world.path("set")).unwrap();
     world
         .bench("3.1", "out", &[])
-        .code(1)
+        .code(2)
         .says("there is no such folder");
 }
 
@@ -449,7 +449,7 @@ fn a_missing_or_unfinished_set_is_named() {
 fn an_output_folder_that_cannot_be_is_found_before_the_work() {
     let world = World::new(Split::Kitti, 1, false);
     fs::write(world.path("out"), b"a file").unwrap();
-    world.bench("3.1", "out", &[]).code(1).says("out");
+    world.bench("3.1", "out", &[]).code(2).says("out");
 }
 
 #[test]

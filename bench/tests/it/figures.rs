@@ -118,7 +118,7 @@ fn images_are_chosen_by_id_or_by_their_error() {
     wrong(&["--protocol", "eigen-80"]).code(2).says("Velodyne");
     figures(&set, &out, &[]).code(2).says("--model");
     figures(&world.path("nowhere"), &out, &["--model", &model])
-        .code(1)
+        .code(2)
         .says("nowhere");
 }
 

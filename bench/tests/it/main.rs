@@ -15,3 +15,4 @@ mod rows;
 mod runs;
 mod runtimes;
 mod world;
+mod wrong_numbers;

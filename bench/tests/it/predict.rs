@@ -39,7 +39,7 @@ impl World {
         );
         world.put(
             "photos/deep/b.jpg",
-            &image_files::encode_jpeg_rgb(&picture(2 * WIDTH, HEIGHT), 90),
+            &image_files::encode_jpeg_rgb(&picture(WIDTH, HEIGHT / 2), 90),
         );
         world
     }
@@ -138,9 +138,9 @@ fn depth_is_what_is_worked_out_by_hand() {
         "{}",
         header.source
     );
-    // Twice the width at the same focal length: half the depth.
+    // Depth depends on the width alone.
     let (plane, _) = exr::read_depth(&world.path("out/deep/b.exr")).unwrap();
-    assert!((f64::from(plane.data[0]) - depth_m / 2.0).abs() < 1e-5);
+    assert!((f64::from(plane.data[0]) - depth_m).abs() < 1e-5);
 
     let (_, _, values) = image_files::read_gray16(&world.path("out/a.depth.png")).unwrap();
     assert!(
@@ -242,6 +242,23 @@ fn maps_of_the_networks_size_are_the_networks_own() {
     let (plane, header) = exr::read_depth(&world.path("out/a.exr")).unwrap();
     assert!((header.focal_px - 72.0 * 32.0 / 124.0).abs() < 1e-9);
     assert!((f64::from(plane.data[0]) - 36.0 / 4.96).abs() < 1e-5);
+}
+
+/// At twice the width 72 px are another camera: depth would be half of what it is.
+#[test]
+fn one_focal_length_is_not_that_of_images_of_several_widths() {
+    let world = World::new();
+    let wide = RgbImage::from_pixel(2 * WIDTH, HEIGHT, Rgb([90; 3]));
+    world.put("photos/wide.png", &image_files::encode_png_rgb(&wide));
+    let ran = world.predict(&world.constant(), &CAMERA);
+    ran.code(2)
+        .says("is 124 pixels wide")
+        .says("wide.png 248")
+        .says("--focal-px");
+    assert!(world.written().is_empty());
+    // Disparity needs no camera.
+    let more = ["--format", "npy"];
+    world.predict(&world.constant(), &more).code(0);
 }
 
 #[test]

@@ -80,6 +80,14 @@ pub enum EvaluateError {
         /// Pixels of the whole image with ground truth.
         with_truth: usize,
     },
+    /// A map of depth without any where it is to be scored.
+    #[error(
+        "the map is dead: it has no depth (0 is none) at any of the {pixels} pixels to be scored"
+    )]
+    NothingPredicted {
+        /// Pixels to be scored.
+        pixels: usize,
+    },
     /// Half or more of the predicted depths are zero or infinite, so there is no median to
     /// scale by.
     #[error("the median of the predicted depth is {0} m; the prediction cannot be scaled by it")]

@@ -34,7 +34,9 @@ pub enum Prediction<'a> {
     /// Disparity as a fraction of image width.
     DisparityFraction(&'a [f32]),
     /// Depth in metres: for models that do not predict disparity, and for baselines such as a
-    /// constant map. A depth of 0 ends at the near limit; the floor of the protocol does not apply.
+    /// constant map. The floor of the protocol does not apply. A depth of 0 is none, as in KITTI's own
+    /// files: such pixels are left out of all figures and counted in
+    /// [`ImageScore::floored_pixels`].
     DepthM(&'a [f32]),
 }
 
@@ -58,7 +60,7 @@ pub fn evaluate(
 /// [`Prediction::DepthM`].
 ///
 /// # Errors
-/// As for [`evaluate`].
+/// As for [`evaluate`], and a map without depth at any pixel that is to be scored.
 pub fn evaluate_depth(
     protocol: &Protocol,
     truth: &GroundTruth,
@@ -84,7 +86,15 @@ pub fn evaluate_with_pixels(
             let depth_m = fraction.iter().map(|&d| scene.of_disparity(d).depth_m);
             scored.with_pixels(&scene, depth_m)
         }
-        Prediction::DepthM(depth_m) => scored.with_pixels(&scene, depth_m.iter().copied()),
+        Prediction::DepthM(depth_m) => {
+            let (scores, mut compared) = scored.with_pixels(&scene, depth_m.iter().copied());
+            for (scored_m, &depth_m) in compared.predicted_m.iter_mut().zip(depth_m) {
+                if depth_m == 0.0 {
+                    *scored_m = 0.0;
+                }
+            }
+            (scores, compared)
+        }
     })
 }
 
@@ -92,14 +102,16 @@ fn score(scene: &Scene<'_>, prediction: Prediction<'_>) -> Result<Scored, Evalua
     match prediction {
         Prediction::DisparityFraction(fraction) => {
             scene.check_prediction("disparity", fraction)?;
-            scene.score(|index| scene.of_disparity(fraction[index]))
+            scene.score(|index| Some(scene.of_disparity(fraction[index])))
         }
         Prediction::DepthM(depth_m) => {
             scene.check_prediction("depth", depth_m)?;
-            scene.score(|index| Predicted {
-                depth_m: depth_m[index],
-                disparity_px: (scene.focal_baseline / f64::from(depth_m[index])) as f32,
-                floored: false,
+            scene.score(|index| {
+                (depth_m[index] != 0.0).then(|| Predicted {
+                    depth_m: depth_m[index],
+                    disparity_px: (scene.focal_baseline / f64::from(depth_m[index])) as f32,
+                    floored: false,
+                })
             })
         }
     }

@@ -18,7 +18,8 @@ pub struct ImageScore {
     pub sum_squared_error: f64,
     /// Pixels scored; never 0.
     pub pixels: u64,
-    /// Scored pixels whose disparity was raised to the floor.
+    /// Pixels without a usable prediction: disparity that was raised to the floor and is scored
+    /// there, or no depth at all, which is in none of the figures and not among `pixels`.
     pub floored_pixels: u64,
 }
 
@@ -35,7 +36,8 @@ pub struct Compared {
     pub limits_m: (f64, f64),
     /// The scored pixels, row by row; under a protocol with groups those of any group.
     pub pixels: Vec<ComparedPixel>,
-    /// The whole prediction as depth in metres, scaled and clipped like the scored pixels.
+    /// The whole prediction as depth in metres, scaled and clipped like the scored pixels; 0 where a
+    /// map of depth has none.
     pub predicted_m: Vec<f32>,
 }
 
@@ -232,16 +234,28 @@ impl<'a> Scene<'a> {
 
     pub(super) fn score(
         &self,
-        predict: impl Fn(usize) -> Predicted,
+        predict: impl Fn(usize) -> Option<Predicted>,
     ) -> Result<Scored, EvaluateError> {
         let (protocol, truth) = (self.protocol, self.truth);
         let crop = crop_box(protocol.crop, truth.width, truth.height);
         let mut pixels = Vec::with_capacity(truth.measured.len());
+        let mut unpredicted: Vec<Option<Group>> = Vec::new();
         for index in truth.within(crop) {
             let Some(truth_m) = self.truth_m(index) else {
                 continue;
             };
-            let predicted = predict(index);
+            let group = match protocol.grouping {
+                Grouping::None => None,
+                Grouping::Cityscapes => truth
+                    .labels
+                    .as_ref()
+                    .and_then(|ids| Group::of_label(ids[index])),
+                Grouping::Distance => Group::of_depth(truth_m),
+            };
+            let Some(predicted) = predict(index) else {
+                unpredicted.push(group);
+                continue;
+            };
             pixels.push(Pixel {
                 index,
                 truth_m,
@@ -254,14 +268,7 @@ impl<'a> Scene<'a> {
                     predicted.disparity_px,
                 ),
                 floored: predicted.floored,
-                group: match protocol.grouping {
-                    Grouping::None => None,
-                    Grouping::Cityscapes => truth
-                        .labels
-                        .as_ref()
-                        .and_then(|ids| Group::of_label(ids[index])),
-                    Grouping::Distance => Group::of_depth(truth_m),
-                },
+                group,
             });
         }
 
@@ -270,7 +277,7 @@ impl<'a> Scene<'a> {
         } else {
             None
         };
-        let scores: Vec<ImageScore> = match protocol.grouping {
+        let mut scores: Vec<ImageScore> = match protocol.grouping {
             Grouping::None => self
                 .summarise(None, pixels.iter(), scale)
                 .into_iter()
@@ -284,6 +291,15 @@ impl<'a> Scene<'a> {
                 })
                 .collect(),
         };
+        for score in &mut scores {
+            let missing = unpredicted.iter().filter(|group| **group == score.group);
+            score.floored_pixels += missing.count() as u64;
+        }
+        if scores.is_empty() && !unpredicted.is_empty() {
+            return Err(EvaluateError::NothingPredicted {
+                pixels: unpredicted.len(),
+            });
+        }
         if scores.is_empty() {
             return Err(EvaluateError::NothingToScore {
                 name: protocol.name.clone(),

@@ -520,8 +520,43 @@ fn median_scaling_takes_out_the_scale_and_happens_before_clipping() {
     let depths = [70.0, 140.0, 7.0, 7.0];
     let score = evaluate_depth(&protocol, &small(), &depths).unwrap()[0];
     assert!(score.metrics.abs_rel < 1e-15 && score.metrics.a1 == 1.0);
-    let zeros = evaluate_depth(&protocol, &small(), &[0.0; 4]);
-    assert_eq!(zeros, Err(EvaluateError::Median(0.0)));
+}
+
+/// Four measured pixels within all limits.
+fn measured() -> Image {
+    Image {
+        depth_m: vec![10.0, 20.0, 3.0, 4.0],
+        ..small()
+    }
+}
+
+/// By hand: where depth is predicted it is 1.1 times the true one.
+#[test]
+fn depth_of_zero_is_none_and_is_counted() {
+    for (name, abs_rel) in [("eigen-80", 0.1), ("eigen-80-median", 0.0)] {
+        let protocol = uncropped(name);
+        let score = evaluate_depth(&protocol, &measured(), &[11.0, 0.0, 3.3, 4.4]).unwrap()[0];
+        assert!(
+            (score.metrics.abs_rel - abs_rel).abs() < 1e-6,
+            "{name}: {score:?}"
+        );
+        assert_eq!((score.pixels, score.floored_pixels), (3, 1));
+        let dead = evaluate_depth(&protocol, &measured(), &[0.0; 4]).unwrap_err();
+        assert!(dead.to_string().contains("dead"), "{dead}");
+    }
+}
+
+/// The two pixels nearer than 5 m are one group, one of them without depth; 20 m has none at all, so
+/// its group has no score.
+#[test]
+fn every_group_counts_its_own_pixels_without_depth() {
+    let protocol = uncropped("eigen-80-distance");
+    let scores = evaluate_depth(&protocol, &measured(), &[10.0, 0.0, 0.0, 4.0]).unwrap();
+    let counts: Vec<(u64, u64)> = scores
+        .iter()
+        .map(|s| (s.pixels, s.floored_pixels))
+        .collect();
+    assert_eq!(counts, [(1, 1), (1, 0)]);
 }
 
 /// By hand for truth x 1.1 and for a perfect prediction, under every protocol by name: the
@@ -765,15 +800,16 @@ proptest! {
             labels: Some(labels[..count].to_vec()),
                 };
         let predicted: Vec<f32> = planes[..count].iter().map(|p| p[1]).collect();
-        for scores in [
-            evaluate(&protocol, &truth, &predicted),
-            evaluate_depth(&protocol, &truth, &predicted),
+        for (is_disparity, scores) in [
+            (true, evaluate(&protocol, &truth, &predicted)),
+            (false, evaluate_depth(&protocol, &truth, &predicted)),
         ] {
             for score in scores.unwrap_or_default() {
                 let m = score.metrics;
                 prop_assert!(m.to_array().iter().all(|v| v.is_finite() && *v >= 0.0), "{m:?}");
                 prop_assert!(m.a1 <= m.a2 && m.a2 <= m.a3 && m.a3 <= 1.0);
-                prop_assert!(score.floored_pixels <= score.pixels && score.pixels > 0);
+                prop_assert!(!is_disparity || score.floored_pixels <= score.pixels);
+                prop_assert!(score.pixels > 0);
                 prop_assert!(score.d1_all.is_none_or(|d1| (0.0..=100.0).contains(&d1)));
             }
         }

@@ -97,6 +97,12 @@ impl GroundTruth {
         })
     }
 
+    /// Indices of all measured pixels, row by row.
+    #[must_use]
+    pub fn measured(&self) -> &[u32] {
+        &self.measured
+    }
+
     /// Adds Cityscapes label ids, for protocols with groups.
     ///
     /// # Errors

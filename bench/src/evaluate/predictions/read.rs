@@ -25,7 +25,7 @@ use strat_store::{
     set::{Content, Sample},
 };
 
-use crate::model::{Sigmoid, ValueEncoding};
+use crate::model::{Implausible, Sigmoid, ValueEncoding, plausible};
 
 /// Description of a folder, in the folder.
 pub const FOLDER_DESCRIPTION: &str = "predictions.yaml";
@@ -48,6 +48,10 @@ pub struct SavedDescription {
     /// A number of a PNG is its 16-bit value divided by this; KITTI's own files have 256.
     #[serde(default = "kitti_png", skip_serializing_if = "is_kitti_png")]
     pub png_divisor: f64,
+    /// Maps that are as large as their images and yet of another aspect show the whole image,
+    /// stretched, and not a part of it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub stretched: bool,
     /// Name of the array in an `.npz` of several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub array: Option<String>,
@@ -71,6 +75,7 @@ impl SavedDescription {
             sigmoid: None,
             scale: None,
             png_divisor: kitti_png(),
+            stretched: false,
             array: None,
         }
     }
@@ -129,6 +134,14 @@ pub enum SavedError {
         /// First such column, from 0.
         column: usize,
     },
+    /// A map that cannot be what the description says.
+    #[error("the map in {} cannot be what its description says: {reason}", path.display())]
+    Implausible {
+        /// The file.
+        path: PathBuf,
+        /// What cannot be.
+        reason: Implausible,
+    },
 }
 
 /// Opened predictions.
@@ -140,6 +153,8 @@ pub struct SavedPredictions {
     pub path: PathBuf,
     /// BLAKE3 of the file; of a folder, that of the names and BLAKE3 of its maps.
     pub blake3: String,
+    /// BLAKE3 of the list that says which map belongs to which image, one id a line.
+    pub images_digest: String,
     /// What the numbers are.
     pub description: SavedDescription,
     maps: Maps,
@@ -149,7 +164,7 @@ pub struct SavedPredictions {
 enum Maps {
     Array {
         planes: Mutex<npy::Planes>,
-        places: HashMap<String, usize>,
+        indices: HashMap<String, usize>,
     },
     Files(HashMap<String, PathBuf>),
 }
@@ -191,23 +206,30 @@ impl SavedPredictions {
             }
         });
         checked.map_err(|reason| unusable(&yaml, reason))?;
-        let (maps, blake3) = match bytes {
+        let (maps, blake3, images) = match bytes {
             Some(file) => {
                 let planes = array(path, file, description.array.as_deref())?;
-                let places = places(path, planes.count, content, samples)?;
+                let ids = ids_of(path, planes.count, content, samples)?;
+                let images = ids.join("\n");
+                let indices = indices(path, ids)?;
                 let planes = Mutex::new(planes);
-                (Maps::Array { planes, places }, files::blake3_file(path)?)
+                let maps = Maps::Array { planes, indices };
+                (maps, files::blake3_file(path)?, images)
             }
             None => {
                 let found = files_of(path, samples)?;
                 let blake3 = hash_of(samples, &found)?;
-                (Maps::Files(found), blake3)
+                let images = samples.iter().map(|sample| sample.id.as_str());
+                let images: Vec<&str> = images.filter(|id| found.contains_key(*id)).collect();
+                let images = images.join("\n");
+                (Maps::Files(found), blake3, images)
             }
         };
         Ok(Self {
             name: name.to_owned(),
             path: path.to_path_buf(),
             blake3,
+            images_digest: files::blake3_hex(images.as_bytes()),
             description,
             maps,
         })
@@ -222,16 +244,16 @@ impl SavedPredictions {
     /// The map of one image.
     ///
     /// # Errors
-    /// There is none, it is broken, or it holds NaN or infinity.
+    /// There is none, it is broken, or it holds NaN, infinity or values that its meaning excludes.
     pub fn map(&self, image: &str) -> Result<Plane, SavedError> {
         let missing = || SavedError::Missing {
             path: self.path.clone(),
         };
         let (path, mut plane) = match &self.maps {
-            Maps::Array { planes, places } => {
-                let place = *places.get(image).ok_or_else(missing)?;
+            Maps::Array { planes, indices } => {
+                let index = *indices.get(image).ok_or_else(missing)?;
                 let mut planes = planes.lock().unwrap_or_else(PoisonError::into_inner);
-                let data = planes.plane(place).map_err(|r| unusable(&self.path, r))?;
+                let data = planes.plane(index).map_err(|r| unusable(&self.path, r))?;
                 let plane = Plane {
                     width: planes.width,
                     height: planes.height,
@@ -259,8 +281,37 @@ impl SavedPredictions {
                 column: first % plane.width,
             });
         }
-        self.description.encoding().apply(&mut plane.data);
+        let encoding = self.description.encoding();
+        plausible::check_values(&encoding, &plane.data, plane.width, plane.width)
+            .map_err(|reason| self.implausible(path, reason))?;
+        encoding.apply(&mut plane.data);
         Ok(plane)
+    }
+
+    /// The map of one image, which must show the whole image.
+    ///
+    /// # Errors
+    /// As [`map`](Self::map), or its shape is that of something else.
+    pub fn map_of(&self, sample: &Sample) -> Result<Plane, SavedError> {
+        let plane = self.map(&sample.id)?;
+        let image = (sample.width as usize, sample.height as usize);
+        if !self.description.stretched {
+            plausible::check_saved((plane.width, plane.height), image).map_err(|reason| {
+                let path = match &self.maps {
+                    Maps::Files(files) => files.get(&sample.id),
+                    Maps::Array { .. } => None,
+                };
+                self.implausible(path.unwrap_or(&self.path), reason)
+            })?;
+        }
+        Ok(plane)
+    }
+
+    fn implausible(&self, path: &Path, reason: Implausible) -> SavedError {
+        SavedError::Implausible {
+            path: path.to_path_buf(),
+            reason,
+        }
     }
 
     fn decode(&self, path: &Path) -> Result<Plane, SavedError> {
@@ -359,15 +410,20 @@ fn array(path: &Path, file: File, member: Option<&str>) -> Result<npy::Planes, S
     npy::Planes::new(unpacked).map_err(wrong)
 }
 
-/// Which map of an array is whose.
-fn places(
+/// Where the images of an array are listed.
+fn ids_path(path: &Path) -> PathBuf {
+    path.with_extension("ids.txt")
+}
+
+/// The images whose maps an array holds, in its order.
+fn ids_of(
     path: &Path,
     count: usize,
     content: Content,
     samples: &[Sample],
-) -> Result<HashMap<String, usize>, SavedError> {
-    let list = path.with_extension("ids.txt");
-    let ids: Vec<String> = if list.is_file() {
+) -> Result<Vec<String>, SavedError> {
+    let list = ids_path(path);
+    if list.is_file() {
         let text = String::from_utf8(files::read(&list)?);
         let text = text.map_err(|_| unusable(&list, "it is no text"))?;
         let ids: Vec<String> = text.lines().map(|line| line.trim().to_owned()).collect();
@@ -378,30 +434,33 @@ fn places(
             );
             return Err(unusable(&list, reason));
         }
-        ids
+        Ok(ids)
     } else {
         let published = content.split().map(strat_splits::test_ids);
         match published.filter(|ids| ids.len() == count) {
-            Some(ids) => ids,
-            None if samples.len() == count => samples.iter().map(|s| s.id.clone()).collect(),
-            None => {
-                return Err(unusable(
-                    path,
-                    format!(
-                        "it has {count} maps for the {} test images of the set, so it is not clear \
-                         whose they are; name them in {}, one a line",
-                        samples.len(),
-                        list.display()
-                    ),
-                ));
-            }
+            Some(ids) => Ok(ids),
+            None if samples.len() == count => Ok(samples.iter().map(|s| s.id.clone()).collect()),
+            None => Err(unusable(
+                path,
+                format!(
+                    "it has {count} maps for the {} test images of the set, so it is not clear \
+                     whose they are; name them in {}, one a line",
+                    samples.len(),
+                    list.display()
+                ),
+            )),
         }
-    };
-    let places: HashMap<String, usize> = ids.iter().cloned().zip(0..).collect();
-    if places.len() == ids.len() {
-        Ok(places)
+    }
+}
+
+/// Which map of an array is whose.
+fn indices(path: &Path, ids: Vec<String>) -> Result<HashMap<String, usize>, SavedError> {
+    let count = ids.len();
+    let indices: HashMap<String, usize> = ids.into_iter().zip(0..).collect();
+    if indices.len() == count {
+        Ok(indices)
     } else {
-        Err(unusable(&list, "it names an image twice"))
+        Err(unusable(&ids_path(path), "it names an image twice"))
     }
 }
 

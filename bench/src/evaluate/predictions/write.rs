@@ -24,12 +24,12 @@ const HEADER_BYTES: usize = 128;
 #[derive(Debug, thiserror::Error)]
 pub enum SaveError {
     /// The system refused.
-    #[error("predictions cannot be written to {}: {source}", path.display())]
+    #[error("predictions cannot be written to {}: {reason}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
         /// The system's answer.
-        source: io::Error,
+        reason: io::Error,
     },
     /// The model gives depth, not disparity.
     #[error(
@@ -77,9 +77,9 @@ impl PredictionWriter {
             Ok(BufWriter::new(file))
         };
         Ok(Self {
-            file: begin().map_err(|source| SaveError::Io {
+            file: begin().map_err(|reason| SaveError::Io {
                 path: path.to_path_buf(),
-                source,
+                reason,
             })?,
             path: path.to_path_buf(),
             size: None,
@@ -109,9 +109,9 @@ impl PredictionWriter {
         for value in &disparity_fraction.data {
             self.file
                 .write_all(&value.to_le_bytes())
-                .map_err(|source| SaveError::Io {
+                .map_err(|reason| SaveError::Io {
                     path: self.path.clone(),
-                    source,
+                    reason,
                 })?;
         }
         self.ids.push_str(image);
@@ -140,9 +140,9 @@ impl PredictionWriter {
             file.persist(&path).map_err(|error| error.error)?;
             Ok(())
         };
-        end().map_err(|source| SaveError::Io {
+        end().map_err(|reason| SaveError::Io {
             path: path.clone(),
-            source,
+            reason,
         })?;
         files::write_atomic(&path.with_extension("ids.txt"), ids.as_bytes())?;
         let description = SavedDescription::plain(OutputMeaning::DisparityFraction);
