@@ -5,7 +5,7 @@
 //! faded out and both cameras see the same surface the same way.
 
 use crate::synth::random::{key, mix};
-use crate::synth::vector::{least, lerp, most};
+use crate::synth::vector::{fast_max, fast_min, lerp};
 
 /// Texels along one side of a tile.
 const SIZE: usize = 512;
@@ -174,7 +174,7 @@ fn leaves() -> Vec<f32> {
                 for (dx, ox) in [(cells - 1, -1.0_f32), (0, 0.0), (1, 1.0)] {
                     let (jx, jy) = centres[line + (col / CELL + dx) % cells];
                     let (u, v) = (ox * CELL as f32 + jx - x, oy * CELL as f32 + jy - y);
-                    best = least(best, u * u + v * v);
+                    best = fast_min(best, u * u + v * v);
                 }
             }
             let at = row * SIZE + col;
@@ -187,8 +187,8 @@ fn leaves() -> Vec<f32> {
 /// Replaces each value by the share of values below it, to 1/65536 of their range.
 fn equalised(values: &[f32]) -> Vec<f32> {
     const BINS: usize = 1 << 16;
-    let low = values.iter().copied().fold(f32::MAX, least);
-    let high = values.iter().copied().fold(f32::MIN, most);
+    let low = values.iter().copied().fold(f32::MAX, fast_min);
+    let high = values.iter().copied().fold(f32::MIN, fast_max);
     let bin = |v: f32| (((v - low) / (high - low) * BINS as f32) as usize).min(BINS - 1);
     let mut below = vec![0_u32; BINS + 1];
     for &v in values {

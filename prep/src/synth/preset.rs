@@ -9,9 +9,8 @@ use strat_splits::{
     kitti2015_origin, validation,
 };
 
-use crate::synth::View;
 use crate::synth::geometry::street::Theme;
-use crate::synth::random::{Dice, key_of_name};
+use crate::synth::random::{Rng, key_of_name};
 
 /// How much is rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -52,6 +51,15 @@ impl Preset {
             Self::Study => 720,
         }
     }
+}
+
+/// What is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum View {
+    /// A frame of a raw drive.
+    Frame(FrameId),
+    /// A stereo 2015 training scene, 0 to 199.
+    Stereo(usize),
 }
 
 /// One stereo pair to render.
@@ -256,7 +264,7 @@ fn stereo_shot(number: usize) -> Shot {
         return Shot { purpose, ..shot };
     }
     let world = format!("kitti2015/{number:06}");
-    let mut dice = Dice::new(key_of_name(&world));
+    let mut rng = Rng::new(key_of_name(&world));
     // Image sizes by number: PROTOCOL 1.2.
     let date = match number {
         0..=154 => Date::D2011_09_26,
@@ -264,12 +272,12 @@ fn stereo_shot(number: usize) -> Shot {
         157..=169 => Date::D2011_09_29,
         _ => Date::D2011_10_03,
     };
-    let theme = dice.pick(&[Theme::City, Theme::City, Theme::Residential, Theme::Road]);
+    let theme = rng.pick(&[Theme::City, Theme::City, Theme::Residential, Theme::Road]);
     Shot {
         world,
         theme,
         date,
-        index: dice.below(300) as u32,
+        index: rng.below(300) as u32,
         purpose,
     }
 }

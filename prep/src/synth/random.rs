@@ -1,4 +1,4 @@
-//! Seeded chance: every random choice of the world is a hash of what it is for,
+//! Seeded randomness: every random choice of the world is a hash of what it is for,
 //! so nothing depends on the order of work or on the number of threads.
 
 /// Scrambles 64 bits (the finaliser of SplitMix64).
@@ -22,11 +22,17 @@ pub(crate) fn key_of_name(name: &str) -> u64 {
         .fold(0xCBF2_9CE4_8422_2325, |h, b| mix(h ^ u64::from(b)))
 }
 
+/// A number in 0..1 for a cell of a grid.
+pub(crate) fn hash01(seed: u32, a: i32, b: i32) -> f32 {
+    let h = mix(u64::from(seed) ^ ((a as u32 as u64) << 32) ^ (b as u32 as u64));
+    (h >> 40) as f32 / 16_777_216.0
+}
+
 /// A stream of random numbers.
 #[derive(Clone, Debug)]
-pub(crate) struct Dice(u64);
+pub(crate) struct Rng(u64);
 
-impl Dice {
+impl Rng {
     pub fn new(seed: u64) -> Self {
         Self(mix(seed))
     }
@@ -73,12 +79,12 @@ mod tests {
 
     #[test]
     fn numbers_are_uniform_and_repeatable() {
-        let mut dice = Dice::new(7);
-        let values: Vec<f32> = (0..4000).map(|_| dice.unit()).collect();
+        let mut rng = Rng::new(7);
+        let values: Vec<f32> = (0..4000).map(|_| rng.unit()).collect();
         let mean = values.iter().sum::<f32>() / 4000.0;
         assert!((mean - 0.5).abs() < 0.02, "{mean}");
         assert!(values.iter().all(|v| (0.0..1.0).contains(v)));
-        let mut again = Dice::new(7);
+        let mut again = Rng::new(7);
         assert_eq!(again.unit(), values[0]);
         assert_ne!(key(&[1, 2]), key(&[2, 1]));
         assert_ne!(key_of_name("a"), key_of_name("b"));

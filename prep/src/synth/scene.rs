@@ -3,11 +3,12 @@
 
 use std::cell::Cell;
 
+use crate::synth::geometry::recess::{Recess, enter_window};
 use crate::synth::geometry::shapes::{Entry, Material, Plane, Shape};
-use crate::synth::geometry::street::{GroundHit, Strip, Zone};
+use crate::synth::geometry::street::{GroundHit, StreetProfile, Yard, Zone};
 use crate::synth::noise::Textures;
-use crate::synth::objects::{Footprint, label};
-use crate::synth::shading;
+use crate::synth::objects::builder::Footprint;
+use crate::synth::objects::label;
 use crate::synth::vector::{V3, floor_i32, smooth, v3};
 use crate::synth::world::{Pose, World};
 
@@ -31,14 +32,6 @@ pub(crate) enum On {
     },
 }
 
-/// Where on a house front a ray ended: windows lie behind the wall.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Recess {
-    Wall,
-    Pane,
-    Reveal,
-}
-
 /// A shape that a ray may meet and the least t at which it can.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Candidate {
@@ -50,7 +43,7 @@ pub(crate) struct Candidate {
 pub(crate) struct Scene<'a> {
     pub shapes: Vec<Shape>,
     pub planes: Vec<Plane>,
-    pub strip: Strip,
+    pub profile: StreetProfile,
     pub world: &'a World,
     pub textures: &'a Textures,
     pub pose: Pose,
@@ -73,7 +66,7 @@ impl<'a> Scene<'a> {
         let snap = |v: f64| (v / 128.0).floor() * 128.0;
         let origin = (snap(pose.x), snap(pose.y));
         let built = world.populate(&pose, origin.0, origin.1);
-        let strip = Strip::new(&world.street, pose.x, origin.0, origin.1);
+        let profile = StreetProfile::new(&world.street, pose.x, origin.0, origin.1);
         let eye = v3(
             (pose.x - origin.0) as f32,
             (pose.y - origin.1) as f32,
@@ -84,7 +77,7 @@ impl<'a> Scene<'a> {
         Self {
             shapes: built.shapes,
             planes: built.planes,
-            strip,
+            profile,
             world,
             textures,
             pose,
@@ -104,7 +97,7 @@ impl<'a> Scene<'a> {
         spread: f32,
     ) -> Option<Hit> {
         let mut best: Option<(u32, Entry)> = None;
-        let ground = self.strip.enter(origin, direction, 2500.0);
+        let ground = self.profile.enter(origin, direction, 2500.0);
         let mut t_max = ground.map_or(1e6, |g| g.t);
         for candidate in candidates {
             if candidate.nearest > t_max {
@@ -143,7 +136,7 @@ impl<'a> Scene<'a> {
         if shape.skin.material == Material::Facade && entry.normal.z == 0.0 {
             let o = shape.local(origin);
             let d = shape.local_direction(direction);
-            let (t, normal, recess) = shading::enter_window(shape, o, d, entry);
+            let (t, normal, recess) = enter_window(shape, o, d, entry);
             hit = Hit {
                 t,
                 normal,
@@ -171,7 +164,7 @@ impl<'a> Scene<'a> {
                     Zone::Lane => label::ROAD,
                     Zone::Parking => label::PARKING,
                     Zone::Kerb | Zone::Walk => label::SIDEWALK,
-                    Zone::Yard(crate::synth::geometry::street::Yard::Grass) => label::TERRAIN,
+                    Zone::Yard(Yard::Grass) => label::TERRAIN,
                     Zone::Yard(_) => label::PARKING,
                 };
                 (label, 0)

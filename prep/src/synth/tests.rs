@@ -6,23 +6,34 @@ use std::sync::LazyLock;
 
 use strat_geometry::{CamToCam, DepthAxis, VeloToCam, velodyne_depth, velodyne_projection};
 
+use strat_store::image_files;
+
+use super::noise::Textures;
+use super::preset::Purpose;
+use super::render::{render_pair, world_of};
+use super::scene::Scene;
+use super::sensors::lidar::Lidar;
+use super::sensors::picture;
+use super::sensors::rig::{self, Rig};
+use super::sensors::sensor::{Sensor, develop};
+use super::sensors::tiles::Tiles;
 use super::*;
 
 const DIVISOR: u32 = 3;
 
 static STAGE: LazyLock<Stage> = LazyLock::new(|| Stage {
-    textures: noise::Textures::new(),
+    textures: Textures::new(),
     shots: preset::shots(Preset::Tiny),
 });
 
 struct Stage {
-    textures: noise::Textures,
+    textures: Textures,
     shots: Vec<Shot>,
 }
 
 impl Stage {
-    fn rig(shot: &Shot) -> rig::Rig {
-        rig::Rig::new(
+    fn rig(shot: &Shot) -> Rig {
+        Rig::new(
             rig::day(shot.date.as_str()).expect("a recording day"),
             DIVISOR,
         )
@@ -49,8 +60,8 @@ fn right_picture_moved_by_the_disparity_is_the_left_picture() {
         let camera = (&pair.right_camera, &pair.right_tiles);
         let truth = truth::disparities(&pair.scene, &pair.left, camera, rig.baseline_m() as f32, 5);
         // One sensor for both sides: gain differs between cameras on purpose.
-        let sensor = world.sensor(2, 3);
-        let [left, right] = [&pair.left, &pair.right].map(|p| picture::develop(p, &sensor));
+        let sensor = Sensor::new(&world, 2, 3);
+        let [left, right] = [&pair.left, &pair.right].map(|p| develop(&p.rgb, &sensor));
         let width = rig.width as usize;
         let error = |shift: f32| -> Vec<f32> {
             let mut errors = Vec::new();
@@ -122,20 +133,16 @@ fn projected_scan_agrees_with_the_depth_of_the_picture() {
         let cam = CamToCam::parse(&rig.cam_to_cam()).expect("own calibration file");
         let velo = VeloToCam::parse(&rig.velo_to_cam()).expect("own calibration file");
         assert!((cam.baseline_m() - rig.baseline_m()).abs() < 1e-6);
-        let scene = scene::Scene::new(&world, &stage.textures, shot.index);
+        let scene = Scene::new(&world, &stage.textures, shot.index);
         let camera = rig.camera(&scene, 0);
-        let tiles = picture::Tiles::new(&scene, &camera);
+        let tiles = Tiles::new(&scene, &camera);
         let picture = picture::render(&scene, &camera, &tiles);
         let (eye, axes) = rig.scanner(&scene);
-        let points = lidar::scan(
-            &scene,
-            eye,
-            axes,
-            lidar::Scanner {
-                steps: 500,
-                seed: 2,
-            },
-        );
+        let lidar = Lidar {
+            steps: 500,
+            seed: 2,
+        };
+        let points = lidar.scan(&scene, eye, axes);
         let (width, height) = (rig.width as usize, rig.height as usize);
         let projection = velodyne_projection(&cam, &velo);
         let depth = velodyne_depth(&points, &projection, width, height, DepthAxis::CameraZ);
@@ -221,18 +228,15 @@ fn bytes_depend_on_the_seed_alone_and_only_missing_files_are_rendered() {
 #[test]
 fn a_single_view_is_the_frame_of_the_preset() {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let renderer = Renderer {
-        scan_steps: Preset::Tiny.scan_steps(),
-        ..Renderer::new(7, DIVISOR)
-    };
+    let renderer = Renderer::of(Preset::Tiny, 7);
     for shot in [&STAGE.shots[0], &STAGE.shots[STAGE.shots.len() - 1]] {
         let view = match shot.purpose {
             Purpose::Raw { frame, .. } => View::Frame(frame),
             Purpose::Stereo { number } => View::Stereo(number),
         };
         let rendered = renderer.render(view).expect("a view of KITTI");
-        write(folder.path(), shot, &renderer).expect("is written");
-        let files = targets(folder.path(), shot);
+        output::write(folder.path(), shot, &rendered).expect("is written");
+        let files = output::targets(folder.path(), shot);
         let left = image_files::read_rgb(&files.left).expect("own picture");
         assert!(left == rendered.left);
         assert_eq!(files.scan.is_some(), rendered.scan.is_some());

@@ -1,8 +1,10 @@
 //! Ground truth of a stereo 2015 scene: sparse disparities, labels, instances.
 
-use crate::synth::random::{Dice, key};
+use crate::synth::random::{Rng, key};
 use crate::synth::scene::Scene;
-use crate::synth::sensors::picture::{Camera, Picture, Tiles};
+use crate::synth::sensors::camera::PinholeCamera;
+use crate::synth::sensors::picture::Picture;
+use crate::synth::sensors::tiles::Tiles;
 use crate::synth::vector::sin_cos;
 
 /// Disparities as KITTI stores them: pixels times 256, 0 for none.
@@ -19,26 +21,26 @@ const REACH_M: f32 = 85.0;
 pub(crate) fn disparities(
     scene: &Scene,
     left: &Picture,
-    right: (&Camera, &Tiles),
+    right: (&PinholeCamera, &Tiles),
     baseline_m: f32,
     seed: u64,
 ) -> Disparities {
     let (camera, tiles) = right;
     let fb = camera.focal_px * baseline_m;
-    let mut dice = Dice::new(key(&[seed, 21]));
+    let mut rng = Rng::new(key(&[seed, 21]));
     let size = left.width * left.height;
     let mut truth = Disparities {
         noc: vec![0; size],
         occ: vec![0; size],
     };
-    let pattern = Pattern::new(&mut dice, camera.focal_px);
+    let pattern = Pattern::new(&mut rng, camera.focal_px);
     for row in 0..left.height {
         let above = (camera.cy - row as f32 - 1.0) / camera.focal_px;
         for column in 0..left.width {
             let at = row * left.width + column;
             let depth = left.depth_m[at];
-            // The dice are thrown for every pixel, so that one does not move the next.
-            let lost = dice.unit();
+            // Random numbers are drawn for every pixel, so that one does not move the next.
+            let lost = rng.unit();
             if above > TOP_SLOPE || depth > REACH_M || lost < 0.18 || !pattern.holds(column, row) {
                 continue;
             }
@@ -66,7 +68,7 @@ pub(crate) fn disparities(
 /// Whether the right camera sees what lies at a position of its picture and a depth.
 pub(crate) fn seen_from(
     scene: &Scene,
-    camera: &Camera,
+    camera: &PinholeCamera,
     tiles: &Tiles,
     column: f32,
     row: f32,
@@ -89,13 +91,13 @@ struct Pattern {
 }
 
 impl Pattern {
-    fn new(dice: &mut Dice, focal_px: f32) -> Self {
+    fn new(rng: &mut Rng, focal_px: f32) -> Self {
         let k = focal_px / 721.5;
         let mut wave = |height: f32, length: f32| {
             (
-                height * k * dice.range(0.7, 1.3),
+                height * k * rng.range(0.7, 1.3),
                 1.0 / (length * k),
-                dice.angle(),
+                rng.angle(),
             )
         };
         Self {

@@ -78,12 +78,12 @@ impl Neg for V3 {
 }
 
 /// The lesser of two numbers, neither of them NaN: one instruction, unlike `f32::min`.
-pub(crate) fn least(a: f32, b: f32) -> f32 {
+pub(crate) fn fast_min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 /// The greater of two numbers, neither of them NaN.
-pub(crate) fn most(a: f32, b: f32) -> f32 {
+pub(crate) fn fast_max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 

@@ -5,7 +5,7 @@
 //! multiples of the ray's direction, which need not have unit length.
 
 use crate::synth::noise::Textures;
-use crate::synth::vector::{Rgb, V3, least, most, v3};
+use crate::synth::vector::{Rgb, V3, fast_max, fast_min, v3};
 
 /// What a surface is made of; decides its look in [`crate::synth::shading`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -184,9 +184,12 @@ fn block(o: V3, d: V3, low: V3, high: V3) -> Option<Entry> {
     let (ax, bx) = ((low.x - o.x) * inv.x, (high.x - o.x) * inv.x);
     let (ay, by) = ((low.y - o.y) * inv.y, (high.y - o.y) * inv.y);
     let (az, bz) = ((low.z - o.z) * inv.z, (high.z - o.z) * inv.z);
-    let (nx, ny, nz) = (least(ax, bx), least(ay, by), least(az, bz));
-    let near = most(most(nx, ny), nz);
-    let far = least(least(most(ax, bx), most(ay, by)), most(az, bz));
+    let (nx, ny, nz) = (fast_min(ax, bx), fast_min(ay, by), fast_min(az, bz));
+    let near = fast_max(fast_max(nx, ny), nz);
+    let far = fast_min(
+        fast_min(fast_max(ax, bx), fast_max(ay, by)),
+        fast_max(az, bz),
+    );
     if near > far || near < T_MIN {
         return None;
     }
@@ -474,7 +477,7 @@ fn convex(o: V3, d: V3, planes: &[Plane]) -> Option<Entry> {
                 normal = plane.normal;
             }
         } else {
-            far = least(far, t);
+            far = fast_min(far, t);
         }
         if near > far {
             return None;

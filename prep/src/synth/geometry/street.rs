@@ -7,7 +7,7 @@
 //! positive. The ground has two levels: carriageway at z = 0 and everything beyond
 //! the kerb a little higher.
 
-use crate::synth::random::{Dice, key};
+use crate::synth::random::{Rng, key};
 use crate::synth::vector::{V3, sin_cos, smooth, v3};
 use std::f64::consts::TAU;
 
@@ -103,31 +103,31 @@ pub(crate) struct Street {
 
 impl Street {
     pub fn new(seed: u64, theme: Theme) -> Self {
-        let mut dice = Dice::new(key(&[seed, 1]));
+        let mut rng = Rng::new(key(&[seed, 1]));
         let lanes = match theme {
-            Theme::Road => 1 + u32::from(dice.chance(0.5)),
-            Theme::City => 1 + u32::from(dice.chance(0.3)),
+            Theme::Road => 1 + u32::from(rng.chance(0.5)),
+            Theme::City => 1 + u32::from(rng.chance(0.3)),
             Theme::Residential => 1,
         };
         let lane_m = match theme {
-            Theme::Road => dice.range(3.4, 3.8),
-            Theme::City => dice.range(3.0, 3.5),
-            Theme::Residential => dice.range(2.7, 3.1),
+            Theme::Road => rng.range(3.4, 3.8),
+            Theme::City => rng.range(3.0, 3.5),
+            Theme::Residential => rng.range(2.7, 3.1),
         };
         // Bends tighten from the first to the last wave; some drives are straight.
-        let bend = if dice.chance(0.25) {
+        let bend = if rng.chance(0.25) {
             0.15
         } else {
-            f64::from(dice.range(0.6, 1.0))
+            f64::from(rng.range(0.6, 1.0))
         };
         let mut wave = |length: f64, slope: f64| {
-            let length = length * f64::from(dice.range(0.8, 1.25));
+            let length = length * f64::from(rng.range(0.8, 1.25));
             let number = TAU / length;
-            (bend * slope / number, number, f64::from(dice.angle()))
+            (bend * slope / number, number, f64::from(rng.angle()))
         };
         let waves = [wave(900.0, 0.16), wave(330.0, 0.16), wave(170.0, 0.13)];
-        let lane = dice.below(lanes as usize) as f32;
-        let camera_l = -(lane + 0.5) * lane_m + dice.range(-0.15, 0.15);
+        let lane = rng.below(lanes as usize) as f32;
+        let camera_l = -(lane + 0.5) * lane_m + rng.range(-0.15, 0.15);
         Self {
             seed,
             theme,
@@ -135,13 +135,13 @@ impl Street {
             lanes,
             kerb_m: if theme == Theme::Road { 0.04 } else { 0.12 },
             shoulder_m: if theme == Theme::Road {
-                dice.range(0.5, 1.5)
+                rng.range(0.5, 1.5)
             } else {
                 0.3
             },
-            divided: theme != Theme::Residential || dice.chance(0.3),
+            divided: theme != Theme::Residential || rng.chance(0.3),
             camera_l,
-            speed_mps: f64::from(dice.range(8.5, 11.5)),
+            speed_mps: f64::from(rng.range(8.5, 11.5)),
             waves,
         }
     }
@@ -171,25 +171,25 @@ impl Street {
 
     /// Half width of the side street at the start of block `block`, if one is there.
     pub fn crossing(&self, block: i64) -> Option<f32> {
-        let mut dice = Dice::new(key(&[self.seed, 2, block as u64]));
+        let mut rng = Rng::new(key(&[self.seed, 2, block as u64]));
         let share = match self.theme {
             Theme::City => 0.34,
             Theme::Residential => 0.28,
             Theme::Road => 0.06,
         };
-        dice.chance(share).then(|| dice.range(3.0, 4.5))
+        rng.chance(share).then(|| rng.range(3.0, 4.5))
     }
 
     /// What one side of a block is like.
     pub fn section(&self, side: Side, block: i64) -> Section {
         // Blocks come in pairs of the same kind more often than not.
-        let mut dice = Dice::new(key(&[self.seed, 3, side.index() as u64, block as u64]));
-        let kind = if dice.chance(0.5) {
+        let mut rng = Rng::new(key(&[self.seed, 3, side.index() as u64, block as u64]));
+        let kind = if rng.chance(0.5) {
             block
         } else {
             block.div_euclid(2) + 100_000
         };
-        let mut choice = Dice::new(key(&[self.seed, 4, side.index() as u64, kind as u64]));
+        let mut choice = Rng::new(key(&[self.seed, 4, side.index() as u64, kind as u64]));
         use Frontage::{Depot, Field, Forest, Houses, LongWall, Park, Terrace};
         let frontage = match self.theme {
             Theme::City => choice.pick(&[
@@ -259,7 +259,7 @@ pub(crate) struct Spot {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Rib {
+struct ProfileSample {
     y: f32,
     cos: f32,
     along: f32,
@@ -272,9 +272,9 @@ struct Rib {
 
 /// The stretch of street around one camera position, sampled every metre, in
 /// coordinates relative to an origin near the camera.
-pub(crate) struct Strip {
+pub(crate) struct StreetProfile {
     first_x: f32,
-    ribs: Vec<Rib>,
+    samples: Vec<ProfileSample>,
 
     pub lanes_m: f32,
     pub lane_m: f32,
@@ -296,11 +296,11 @@ pub(crate) struct GroundHit {
 const BEHIND_M: i64 = 130;
 const AHEAD_M: i64 = 420;
 
-impl Strip {
+impl StreetProfile {
     /// Around the world position `x`, relative to the origin `(ox, oy)`.
     pub fn new(street: &Street, x: f64, ox: f64, oy: f64) -> Self {
         let start = x as i64 - BEHIND_M;
-        let mut ribs = Vec::new();
+        let mut samples = Vec::new();
         // Distance along the street counts from a multiple of the blocks, so that
         // markings do not move with the camera.
         let anchor = (start.div_euclid(960) * 960) as f64;
@@ -346,7 +346,7 @@ impl Strip {
                 )
             };
             let (l, r) = (side(Side::Left), side(Side::Right));
-            ribs.push(Rib {
+            samples.push(ProfileSample {
                 y: (street.centre(wx) - oy) as f32,
                 cos: street.heading(wx).0 as f32,
                 along: along as f32,
@@ -362,7 +362,7 @@ impl Strip {
         }
         Self {
             first_x: (start as f64 - ox) as f32,
-            ribs,
+            samples,
             lanes_m: street.lanes_m(),
             lane_m: street.lane_m,
             lanes: street.lanes,
@@ -375,10 +375,10 @@ impl Strip {
 
     /// What lies at (x, y).
     pub fn spot(&self, x: f32, y: f32) -> Spot {
-        let along_x = (x - self.first_x).clamp(0.0, (self.ribs.len() - 2) as f32 + 0.999);
+        let along_x = (x - self.first_x).clamp(0.0, (self.samples.len() - 2) as f32 + 0.999);
         let i = along_x as usize;
         let w = along_x - i as f32;
-        let (a, b) = (&self.ribs[i], &self.ribs[i + 1]);
+        let (a, b) = (&self.samples[i], &self.samples[i + 1]);
         let mix = |p: f32, q: f32| p + (q - p) * w;
         let l = (y - mix(a.y, b.y)) * mix(a.cos, b.cos);
         let side = usize::from(l < 0.0);
@@ -480,17 +480,19 @@ mod tests {
     #[test]
     fn carriageway_is_low_and_the_rest_is_behind_a_kerb() {
         let street = Street::new(3, Theme::City);
-        let strip = Strip::new(&street, 500.0, 384.0, street.centre(500.0));
+        let profile = StreetProfile::new(&street, 500.0, 384.0, street.centre(500.0));
         let o = v3(116.0, street.camera_l, 1.65);
-        let hit = strip.enter(o, v3(1.0, 0.0, -0.2), 1e9).expect("looks down");
+        let hit = profile
+            .enter(o, v3(1.0, 0.0, -0.2), 1e9)
+            .expect("looks down");
         assert_eq!(hit.spot.zone, Zone::Lane);
         assert!((hit.t - 1.65 / 0.2).abs() < 1e-4);
-        assert!(strip.enter(o, v3(1.0, 0.0, 0.2), 1e9).is_none());
+        assert!(profile.enter(o, v3(1.0, 0.0, 0.2), 1e9).is_none());
         // Sweep sideways: lane first, kerb next, never low again right behind it.
         let mut zones = Vec::new();
         for i in 1..400 {
             let d = v3(0.2, f32::from(i as i16) * 0.02, -0.5);
-            if let Some(hit) = strip.enter(o, d, 1e9)
+            if let Some(hit) = profile.enter(o, d, 1e9)
                 && zones.last() != Some(&hit.spot.zone)
             {
                 zones.push(hit.spot.zone);

@@ -8,7 +8,7 @@
 //! scanner's rotation of 2011_09_26 stands in for the days where it is not known.
 
 use crate::synth::scene::Scene;
-use crate::synth::sensors::picture::Camera;
+use crate::synth::sensors::picture::PinholeCamera;
 use crate::synth::vector::{V3, v3};
 
 type M3 = [[f64; 3]; 3];
@@ -169,10 +169,10 @@ impl Rig {
     }
 
     /// Camera 2 (left) or 3 (right) of a scene.
-    pub fn camera(&self, scene: &Scene, which: usize) -> Camera {
+    pub fn camera(&self, scene: &Scene, which: usize) -> PinholeCamera {
         let (eye, right, down, forward) = Self::frame(scene);
         let sideways = (-self.shift[which] / self.focal_px) as f32;
-        Camera {
+        PinholeCamera {
             width: self.width as usize,
             height: self.height as usize,
             focal_px: self.focal_px as f32,

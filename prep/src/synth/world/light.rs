@@ -1,7 +1,7 @@
 //! Sun, sky and haze of a drive.
 
 use crate::synth::noise::Textures;
-use crate::synth::random::{Dice, key};
+use crate::synth::random::{Rng, key};
 use crate::synth::vector::{Rgb, V3, blend, dim, sin_cos, smooth, v3};
 
 /// How a drive is lit.
@@ -23,16 +23,16 @@ pub(crate) struct Light {
 
 impl Light {
     pub fn new(seed: u64) -> Self {
-        let mut dice = Dice::new(key(&[seed, 5]));
-        let (elevation, azimuth) = (dice.range(0.45, 1.0), dice.angle());
+        let mut rng = Rng::new(key(&[seed, 5]));
+        let (elevation, azimuth) = (rng.range(0.45, 1.0), rng.angle());
         let (se, ce) = sin_cos(f64::from(elevation));
         let (sa, ca) = sin_cos(f64::from(azimuth));
-        let overcast = if dice.chance(0.25) {
-            dice.range(0.55, 0.95)
+        let overcast = if rng.chance(0.25) {
+            rng.range(0.55, 0.95)
         } else {
-            dice.range(0.0, 0.3)
+            rng.range(0.0, 0.3)
         };
-        let warm = dice.range(0.0, 1.0);
+        let warm = rng.range(0.0, 1.0);
         let sun = v3((ce * ca) as f32, (ce * sa) as f32, se as f32);
         let sun_rgb = dim(
             [1.0, 0.93 - 0.06 * warm, 0.80 - 0.16 * warm],
@@ -45,10 +45,10 @@ impl Light {
             sky_rgb: dim(sky_rgb, 0.58 + 0.85 * overcast),
             zenith: blend([0.30, 0.48, 0.85], [0.80, 0.84, 0.90], overcast),
             horizon: blend([0.80, 0.88, 0.97], [0.92, 0.94, 0.96], overcast),
-            cloud: dice.range(0.15, 0.75).max(overcast),
-            cloud_shift: dice.range(0.0, 512.0),
-            haze_m: dice.range(900.0, 3000.0),
-            exposure: 0.56 * dice.range(0.85, 1.2) / (0.45 + 0.55 * (1.0 - 0.5 * overcast)),
+            cloud: rng.range(0.15, 0.75).max(overcast),
+            cloud_shift: rng.range(0.0, 512.0),
+            haze_m: rng.range(900.0, 3000.0),
+            exposure: 0.56 * rng.range(0.85, 1.2) / (0.45 + 0.55 * (1.0 - 0.5 * overcast)),
         }
     }
 
