@@ -9,6 +9,7 @@ mod export;
 mod kitti;
 mod plan;
 mod splits;
+mod synth;
 mod verify;
 
 use std::ffi::OsString;
@@ -23,7 +24,6 @@ use strat_store::shard::Shard;
 use crate::kitti::inventory;
 use crate::set::shards;
 use crate::set::writer::Report;
-use crate::synth;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -76,7 +76,7 @@ enum Command {
     /// Show what a split consists of, beside the numbers the thesis states.
     Splits(splits::SplitsArgs),
     /// Render a street world in KITTI's own layouts.
-    Synth(synth::Args),
+    Synth(synth::SynthArgs),
 }
 
 /// The parser of the command line, for tests of what guides tell users to type.
@@ -105,7 +105,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Plan(args) => plan::plan(&args),
         Command::Verify(args) => verify::verify(&args),
         Command::Splits(args) => splits::splits(&args),
-        Command::Synth(args) => synth::run(&args).map_err(CliError::failed),
+        Command::Synth(args) => synth::synth(&args),
     };
     done.unwrap_or_else(|error| fail(&error))
 }

@@ -30,32 +30,28 @@ mod world;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-use anyhow::Context;
 use rayon::prelude::*;
 use strat_store::progress::Progress;
+use strat_store::threads;
 
+use crate::error::Result;
 use output::WorldFile;
 use preset::Shot;
 pub use preset::{Preset, View};
 pub use render::{Rendered, RenderedTruth, Renderer};
 
-/// Arguments of `prep synth`.
-#[derive(clap::Args, Clone, Debug)]
-pub struct Args {
-    /// How much to render.
-    #[arg(long, value_enum)]
+/// What to render and where.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// How much.
     pub preset: Preset,
     /// Another seed gives another world.
-    #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Threads to use [default: all cores].
-    #[arg(long)]
-    pub jobs: Option<usize>,
+    /// Threads to use; 0 for one for each core.
+    pub threads: usize,
     /// Show no progress.
-    #[arg(long)]
     pub quiet: bool,
     /// Folder to write to; what is already there is not rendered again.
-    #[arg(long)]
     pub out: PathBuf,
 }
 
@@ -66,30 +62,24 @@ pub struct Args {
 ///
 /// # Errors
 /// The folder holds another world or cannot be written to, or threads cannot be started.
-pub fn run(args: &Args) -> anyhow::Result<u8> {
-    let shots = preset::shots(args.preset);
+pub fn run(options: &Options) -> Result<u8> {
+    let shots = preset::shots(options.preset);
     output::claim(
-        &args.out,
-        &WorldFile::new(args.preset, args.seed, shots.len()),
+        &options.out,
+        &WorldFile::new(options.preset, options.seed, shots.len()),
     )?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(args.jobs.unwrap_or(0))
-        .build()
-        .context("The threads for rendering could not be started; try a smaller --jobs.")?;
+    let pool = threads::pool("synth", options.threads)?;
     let missing: Vec<&Shot> = shots
         .iter()
-        .filter(|shot| !output::is_there(&args.out, shot))
+        .filter(|shot| !output::is_there(&options.out, shot))
         .collect();
-    let renderer = Renderer::of(args.preset, args.seed);
-    let progress = Progress::new("synth", missing.len() as u64, "frames", args.quiet);
+    let renderer = Renderer::of(options.preset, options.seed);
+    let progress = Progress::new("synth", missing.len() as u64, "frames", options.quiet);
     let failures = Mutex::new(Vec::new());
     pool.install(|| {
         missing.par_iter().for_each(|shot| {
-            let written = renderer
-                .shoot(shot)
-                .and_then(|rendered| output::write(&args.out, shot, &rendered));
-            if let Err(error) = written {
-                let line = format!("{} frame {}: {error:#}", shot.world, shot.index);
+            if let Err(error) = output::write(&options.out, shot, &renderer.shoot(shot)) {
+                let line = format!("{} frame {}: {error}", shot.world, shot.index);
                 progress.println(&line);
                 failures
                     .lock()

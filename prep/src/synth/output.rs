@@ -1,14 +1,16 @@
 //! The folder of a rendered world: what marks it, where each file goes, what is there already.
 
-use std::collections::BTreeSet;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use strat_store::claim::{Found, Mark};
 use strat_store::{files, image_files, yaml};
 
 use super::preset::{Preset, Purpose, Shot};
 use super::render::Rendered;
 use super::sensors::rig::{self, Rig};
+use crate::error::{Error, Result};
 use crate::input::raw::RENDERED;
 
 /// `WORLD.yaml`: what the folder holds and how it came to be.
@@ -50,53 +52,94 @@ const NOTES: [&str; 5] = [
     "Image points count from 1: the middle of the first pixel is at (1, 1), as the reference evaluation takes it for projected scans.",
 ];
 
-/// Marks the folder as this world's, or refuses it if it is another's.
-pub(super) fn claim(out: &Path, file: &WorldFile) -> anyhow::Result<()> {
-    let path = out.join("WORLD.yaml");
-    if path.exists() {
+/// Whose a folder is.
+const MARK: Mark = Mark {
+    command: "prep synth",
+    record: "WORLD.yaml",
+    begins: "rendered: true\n",
+    writes: |_| true,
+};
+
+/// Marks the folder as this world's, or refuses it if it holds anything else: a world is written
+/// under the names of real data, which must never be mistaken for it or replaced by it.
+///
+/// # Errors
+/// The folder is not empty and holds no world, or another one, or files under the names of this
+/// one that are not its own.
+pub(super) fn claim(out: &Path, file: &WorldFile) -> Result<()> {
+    let refuse = |problem: String| Error::Output {
+        path: out.to_owned(),
+        problem,
+    };
+    let path = out.join(MARK.record);
+    let found = MARK.examine(out, &[])?;
+    if found == Found::Record {
         let there: WorldFile = yaml::load(&path)?;
         if there != *file {
-            anyhow::bail!(
-                "{} holds another world (preset {}, seed {}, version {}; asked for: preset {}, seed {}, version {}). Choose another folder with --out or remove that one.",
-                out.display(),
+            return Err(refuse(format!(
+                "this folder holds another world (preset {}, seed {}, version {}; asked for: preset {}, \
+                 seed {}, version {}); give another folder, or remove that one",
                 there.preset,
                 there.seed,
                 there.world_version,
                 file.preset,
                 file.seed,
                 file.world_version,
-            );
+            )));
         }
-    } else {
+    }
+    let shared = shared_files(out, file.size_divisor);
+    for (path, text) in &shared {
+        let foreign = match std::fs::read(path) {
+            Ok(there) => there != text.as_bytes(),
+            Err(error) => error.kind() != io::ErrorKind::NotFound,
+        };
+        if foreign {
+            return Err(refuse(format!(
+                "{} is not this world's: real data may lie between the rendered; nothing was written. Take \
+                 one or the other out of this folder",
+                path.display()
+            )));
+        }
+    }
+    if found == Found::Nothing {
+        // First of all, so that what an interrupted run leaves is known as its own.
         files::write_atomic(&path, yaml::to_string(file)?.as_bytes())?;
     }
-    let rig_of = |name: &str| rig::day(name).map(|day| Rig::new(day, file.size_divisor));
-    let raw = out.join("kitti_raw");
-    // Each of the folders may be used without the other.
-    for folder in [&raw, &out.join("kitti2015")] {
-        files::write_atomic(
-            &folder.join(RENDERED),
-            b"This is a rendered world, see WORLD.yaml.\n",
-        )?;
-    }
-    let dates: BTreeSet<&str> = rig::DAYS.iter().map(|d| d.name).collect();
-    for date in dates {
-        let Some(rig) = rig_of(date) else { continue };
-        let folder = raw.join(date);
-        files::write_atomic(
-            &folder.join("calib_cam_to_cam.txt"),
-            rig.cam_to_cam().as_bytes(),
-        )?;
-        files::write_atomic(
-            &folder.join("calib_velo_to_cam.txt"),
-            rig.velo_to_cam().as_bytes(),
-        )?;
-        files::write_atomic(
-            &folder.join("calib_imu_to_velo.txt"),
-            Rig::imu_to_velo().as_bytes(),
-        )?;
+    files::remove_leftovers(out)?;
+    for (path, text) in &shared {
+        add(path, text.as_bytes())?;
     }
     Ok(())
+}
+
+/// What belongs to no frame: what says that the data are rendered, and the calibration of each day.
+fn shared_files(out: &Path, size_divisor: u32) -> Vec<(PathBuf, String)> {
+    let raw = out.join("kitti_raw");
+    let note = "This is a rendered world, see WORLD.yaml.\n".to_owned();
+    // Each of the folders may be used without the other.
+    let mut shared = vec![
+        (raw.join(RENDERED), note.clone()),
+        (out.join("kitti2015").join(RENDERED), note),
+    ];
+    for day in &rig::DAYS {
+        let rig = Rig::new(day, size_divisor);
+        let folder = raw.join(day.date.as_str());
+        shared.extend([
+            (folder.join("calib_cam_to_cam.txt"), rig.cam_to_cam()),
+            (folder.join("calib_velo_to_cam.txt"), rig.velo_to_cam()),
+            (folder.join("calib_imu_to_velo.txt"), Rig::imu_to_velo()),
+        ]);
+    }
+    shared
+}
+
+/// Writes a file that is not there; one that is there is never replaced.
+fn add(path: &Path, bytes: &[u8]) -> Result<()> {
+    if path.exists() {
+        return Ok(());
+    }
+    Ok(files::write_atomic(path, bytes)?)
 }
 
 /// The files of a shot.
@@ -170,14 +213,14 @@ pub(super) fn is_there(out: &Path, shot: &Shot) -> bool {
         .all(|path| path.is_file())
 }
 
-/// Writes the files of a rendered shot.
-pub(super) fn write(out: &Path, shot: &Shot, rendered: &Rendered) -> anyhow::Result<()> {
+/// Writes those files of a rendered shot that are not there.
+pub(super) fn write(out: &Path, shot: &Shot, rendered: &Rendered) -> Result<()> {
     let targets = targets(out, shot);
     for (path, image) in [
         (&targets.left, &rendered.left),
         (&targets.right, &rendered.right),
     ] {
-        files::write_atomic(path, &image_files::encode_png_rgb(image))?;
+        add(path, &image_files::encode_png_rgb(image))?;
     }
     if let (Some(path), Some(points)) = (&targets.scan, &rendered.scan) {
         let bytes: Vec<u8> = points
@@ -185,17 +228,17 @@ pub(super) fn write(out: &Path, shot: &Shot, rendered: &Rendered) -> anyhow::Res
             .flatten()
             .flat_map(|v| v.to_le_bytes())
             .collect();
-        files::write_atomic(path, &bytes)?;
+        add(path, &bytes)?;
     }
     if let (Some(to), Some(truth)) = (&targets.truth, &rendered.truth) {
         let (width, height) = rendered.left.dimensions();
         let gray16 = |values: &[u16]| image_files::encode_png_gray16(width, height, values);
-        files::write_atomic(&to.noc, &gray16(&truth.noc))?;
-        files::write_atomic(&to.occ, &gray16(&truth.occ))?;
+        add(&to.noc, &gray16(&truth.noc))?;
+        add(&to.occ, &gray16(&truth.occ))?;
         let semantic = image_files::encode_png_gray8(width, height, &truth.semantic);
-        files::write_atomic(&to.semantic, &semantic)?;
-        files::write_atomic(&to.instance, &gray16(&truth.instance))?;
-        files::write_atomic(&to.calibration, rendered.cam_to_cam.as_bytes())?;
+        add(&to.semantic, &semantic)?;
+        add(&to.instance, &gray16(&truth.instance))?;
+        add(&to.calibration, rendered.cam_to_cam.as_bytes())?;
     }
     Ok(())
 }

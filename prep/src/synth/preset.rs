@@ -3,7 +3,6 @@
 
 use std::collections::BTreeSet;
 
-use clap::ValueEnum;
 use strat_splits::{
     Category, Date, Drive, DriveId, DriveRole, FrameId, Split, drives, eigen_test,
     kitti2015_origin, validation,
@@ -13,7 +12,7 @@ use crate::synth::geometry::street::Theme;
 use crate::synth::random::{Rng, key_of_name};
 
 /// How much is rendered.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Preset {
     /// A handful of frames at a third of the native size, for tests (seconds).
     Tiny,
@@ -25,8 +24,25 @@ pub enum Preset {
 }
 
 impl Preset {
+    /// All presets.
+    pub const ALL: [Self; 3] = [Self::Tiny, Self::Demo, Self::Study];
+
+    /// What it is for, as `--help` says it.
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::Tiny => "A handful of frames at a third of the native size, for tests (seconds)",
+            Self::Demo => {
+                "About 460 stereo pairs at native size: enough to train a small network (minutes)"
+            }
+            Self::Study => {
+                "Thousands of pairs at half the native size: all training drives thinned out, all test \
+                 frames of both splits (tens of minutes)"
+            }
+        }
+    }
+
     /// Name on the command line and in `WORLD.yaml`.
-    pub(crate) fn name(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             Self::Tiny => "tiny",
             Self::Demo => "demo",

@@ -1,6 +1,5 @@
 //! One view at a time, in memory: pictures, scan and truth of a frame or a stereo scene.
 
-use anyhow::Context;
 use image::RgbImage;
 
 use super::noise::Textures;
@@ -14,6 +13,7 @@ use super::sensors::sensor::{Sensor, develop};
 use super::sensors::tiles::Tiles;
 use super::world::World;
 use super::{random, truth};
+use crate::error::{Error, Result};
 
 /// Renders single frames in memory, without a folder of files.
 pub struct Renderer {
@@ -79,16 +79,17 @@ impl Renderer {
     ///
     /// # Errors
     /// The drive or the scene is not one of KITTI's.
-    pub fn render(&self, view: View) -> anyhow::Result<Rendered> {
-        let shot = preset::shot(view).with_context(|| {
-            format!("KITTI has no {view:?}, so nothing can be rendered for it.")
+    pub fn render(&self, view: View) -> Result<Rendered> {
+        let shot = preset::shot(view).ok_or_else(|| {
+            Error::Usage(format!(
+                "KITTI has no {view:?}, so nothing can be rendered for it"
+            ))
         })?;
-        self.shoot(&shot)
+        Ok(self.shoot(&shot))
     }
 
-    pub(super) fn shoot(&self, shot: &Shot) -> anyhow::Result<Rendered> {
-        let day = rig::day(shot.date.as_str()).context("This recording day has no calibration.")?;
-        let rig = Rig::new(day, self.divisor);
+    pub(super) fn shoot(&self, shot: &Shot) -> Rendered {
+        let rig = Rig::new(rig::day(shot.date), self.divisor);
         let world = world_of(shot, self.seed);
         let pair = render_pair(&world, &self.textures, rig, shot.index);
         let seed = random::key(&[
@@ -96,12 +97,12 @@ impl Renderer {
             self.seed,
             u64::from(shot.index),
         ]);
-        let image = |which, picture| {
+        let image = |which, picture: &Picture| {
             let bytes = develop(&picture.rgb, &Sensor::new(&world, which, seed));
             RgbImage::from_raw(rig.width, rig.height, bytes)
-                .context("The picture does not have the size of its camera.")
+                .expect("a picture has the size of its camera")
         };
-        let (left, right) = (image(2, &pair.left)?, image(3, &pair.right)?);
+        let (left, right) = (image(2, &pair.left), image(3, &pair.right));
         let scan = matches!(shot.purpose, Purpose::Raw { scan: true, .. }).then(|| {
             let (eye, axes) = rig.scanner(&pair.scene);
             let lidar = Lidar {
@@ -125,14 +126,14 @@ impl Renderer {
                 semantic: pair.left.label,
             }
         });
-        Ok(Rendered {
+        Rendered {
             left,
             right,
             scan,
             truth,
             cam_to_cam: rig.cam_to_cam(),
             velo_to_cam: rig.velo_to_cam(),
-        })
+        }
     }
 }
 

@@ -2,10 +2,12 @@
 //! can be read by the project's own readers, bytes depend on preset and seed alone.
 
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use strat_geometry::{CamToCam, DepthAxis, VeloToCam, velodyne_depth, velodyne_projection};
 
+use strat_store::command::CliError;
 use strat_store::image_files;
 
 use super::noise::Textures;
@@ -33,10 +35,7 @@ struct Stage {
 
 impl Stage {
     fn rig(shot: &Shot) -> Rig {
-        Rig::new(
-            rig::day(shot.date.as_str()).expect("a recording day"),
-            DIVISOR,
-        )
+        Rig::new(rig::day(shot.date), DIVISOR)
     }
 }
 
@@ -160,11 +159,11 @@ fn projected_scan_agrees_with_the_depth_of_the_picture() {
     }
 }
 
-fn tiny(out: &Path, jobs: usize, seed: u64) -> anyhow::Result<u8> {
-    run(&Args {
+fn tiny(out: &Path, jobs: usize, seed: u64) -> Result<u8> {
+    run(&Options {
         preset: Preset::Tiny,
         seed,
-        jobs: Some(jobs),
+        threads: jobs,
         quiet: true,
         out: out.to_owned(),
     })
@@ -222,6 +221,70 @@ fn bytes_depend_on_the_seed_alone_and_only_missing_files_are_rendered() {
     );
 
     labels_cover_everything(&three);
+}
+
+/// Files of KITTI's names in a folder without a world, as a user's real data lie there.
+fn real_data(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    for name in [
+        "kitti_raw/2011_09_26/calib_cam_to_cam.txt",
+        "kitti_raw/2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png",
+        "kitti2015/training/image_2/000002_10.png",
+    ] {
+        let path = root.join(name);
+        fs_err::create_dir_all(path.parent().expect("a folder")).expect("is made");
+        fs_err::write(path, format!("recorded: {name}")).expect("is written");
+    }
+    contents(root)
+}
+
+#[test]
+fn a_folder_of_other_things_is_never_touched() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let recorded = real_data(folder.path());
+    let refusal = tiny(folder.path(), 1, 1).expect_err("real data");
+    assert!(
+        refusal
+            .to_string()
+            .contains("(kitti2015), which `prep synth` would replace"),
+        "{refusal}"
+    );
+    assert!(matches!(CliError::from(refusal), CliError::Usage(_)));
+    assert_eq!(contents(folder.path()), recorded);
+
+    // Somebody else's file of the mark's name makes it no world.
+    fs_err::write(folder.path().join("WORLD.yaml"), "population: 8e9\n").expect("is written");
+    let refusal = tiny(folder.path(), 1, 1)
+        .expect_err("real data")
+        .to_string();
+    assert!(refusal.contains("not written by `prep synth`"), "{refusal}");
+    fs_err::remove_file(folder.path().join("WORLD.yaml")).expect("is there");
+    assert_eq!(contents(folder.path()), recorded);
+}
+
+#[test]
+fn real_data_within_a_world_stay() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let world = WorldFile::new(Preset::Tiny, 1, STAGE.shots.len());
+    output::claim(folder.path(), &world).expect("an empty folder");
+    let recorded = real_data(folder.path());
+    let refusal = tiny(folder.path(), 1, 1)
+        .expect_err("real calibration")
+        .to_string();
+    assert!(
+        refusal.contains("calib_cam_to_cam.txt is not this world's"),
+        "{refusal}"
+    );
+    assert_eq!(contents(folder.path()), recorded);
+}
+
+#[test]
+fn what_a_killed_run_leaves_is_no_obstacle() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let leftover = folder.path().join(".unfinished-a1B2c3");
+    fs_err::write(&leftover, "rendered: tr").expect("is written");
+    let world = WorldFile::new(Preset::Tiny, 1, STAGE.shots.len());
+    output::claim(folder.path(), &world).expect("its own leftover");
+    assert!(!leftover.exists());
 }
 
 /// What is rendered in memory is what `prep synth` writes.

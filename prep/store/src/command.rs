@@ -57,7 +57,7 @@ impl From<Error> for CliError {
 }
 
 /// The exit code of an error: that of the first [`CliError`] among it and its causes; [`USAGE`] for
-/// a folder that is no prepared set or cannot be written to; else [`FAILED`].
+/// a folder that is no prepared set, or an output that cannot be written or is not the command's own; else [`FAILED`].
 pub fn exit_code(error: &(dyn StdError + 'static)) -> u8 {
     let mut next = Some(error);
     while let Some(error) = next {
@@ -66,7 +66,9 @@ pub fn exit_code(error: &(dyn StdError + 'static)) -> u8 {
             Some(CliError::Failed(_)) => return FAILED,
             None => {}
         }
-        if let Some(Error::Set { .. } | Error::Unwritable { .. }) = error.downcast_ref() {
+        if let Some(Error::Set { .. } | Error::Unwritable { .. } | Error::Output { .. }) =
+            error.downcast_ref()
+        {
             return USAGE;
         }
         next = error.source();

@@ -85,6 +85,14 @@ pub enum Error {
         /// What contradicts what, and what to do.
         problem: String,
     },
+    /// An output that is in the way of something, or that belongs to someone else.
+    #[error("cannot write to {}: {problem}", path.display())]
+    Output {
+        /// The folder or file as given.
+        path: PathBuf,
+        /// What is there and what to do.
+        problem: String,
+    },
     /// A value that could not be turned into text.
     #[error("cannot write this as YAML: {0}")]
     ToYaml(String),

@@ -2,7 +2,14 @@
 //!
 //! Everything is written to a temporary file in the target's folder and renamed. There is
 //! no fsync: after a power failure files may be missing, and a second run writes them again.
+//!
+//! A killed process leaves its temporary file behind. It is known by its name ([`is_leftover`]),
+//! and [`remove_leftovers`] removes it; a lock that dies with its process keeps the files that
+//! another process is still writing.
+//!
+//! Debug builds can end themselves at any change to the file system: see [`fault`].
 
+use std::ffi::OsString;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -12,8 +19,19 @@ use tempfile::NamedTempFile;
 
 use crate::error::{Error, Result};
 
-/// Prefix of temporary files; what carries it is a leftover of a killed run.
+/// Prefix of temporary files.
 pub const UNFINISHED_PREFIX: &str = ".unfinished-";
+
+/// Random letters and digits behind the prefix.
+const RANDOM_LENGTH: usize = 6;
+
+/// Whether a file of this name in an output folder is half-written: a killed run has left it, or a
+/// running one is about to rename it.
+pub fn is_leftover(name: &str) -> bool {
+    name.strip_prefix(UNFINISHED_PREFIX).is_some_and(|rest| {
+        rest.len() == RANDOM_LENGTH && rest.bytes().all(|b| b.is_ascii_alphanumeric())
+    })
+}
 
 /// Writes bytes to `path`, replacing what is there in one step. Creates parent folders.
 ///
@@ -51,7 +69,7 @@ impl Unfinished {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        std::fs::create_dir_all(folder).map_err(|e| Error::io("create the folder", folder, e))?;
+        make_folder(folder).map_err(|e| Error::io("create the folder", folder, e))?;
         let file = unfinished_in(folder).map_err(|e| Error::io("write", path, e))?;
         Ok(Self {
             path: path.to_owned(),
@@ -64,7 +82,9 @@ impl Unfinished {
             .out
             .into_inner()
             .map_err(io::IntoInnerError::into_error);
+        fault::point();
         let persisted = written.and_then(|file| file.persist(&self.path).map_err(|e| e.error));
+        fault::point();
         persisted
             .map(drop)
             .map_err(|e| Error::io("write", &self.path, e))
@@ -108,7 +128,9 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
 /// # Errors
 /// It cannot be removed.
 pub fn remove(path: &Path) -> Result<()> {
-    let removed = if path.is_dir() {
+    fault::point();
+    let is_folder = path.symlink_metadata().is_ok_and(|found| found.is_dir());
+    let removed = if is_folder {
         std::fs::remove_dir_all(path)
     } else {
         std::fs::remove_file(path)
@@ -119,12 +141,64 @@ pub fn remove(path: &Path) -> Result<()> {
     }
 }
 
+/// Removes a folder in one step: it is renamed to what the next run knows as a leftover, then
+/// deleted.
+///
+/// # Errors
+/// It cannot be renamed or removed.
+pub fn remove_folder_atomic(folder: &Path) -> Result<()> {
+    let wrong = |e| Error::io("remove", folder, e);
+    let parent = folder.parent().unwrap_or(Path::new("."));
+    let name = unfinished_in(parent).map_err(wrong)?.into_temp_path();
+    let doomed = name.to_path_buf();
+    name.close().map_err(wrong)?;
+    fault::point();
+    std::fs::rename(folder, &doomed).map_err(wrong)?;
+    fault::point();
+    remove(&doomed)
+}
+
+/// Removes what killed runs have left half-written in a folder of outputs and in all folders below
+/// it. Files that a process is still writing stay.
+///
+/// # Errors
+/// A folder cannot be read or a leftover not be removed.
+pub fn remove_leftovers(folder: &Path) -> Result<()> {
+    for name in names_in(folder)? {
+        let path = folder.join(&name);
+        let is_folder = path.symlink_metadata().is_ok_and(|found| found.is_dir());
+        match (is_leftover(&name.to_string_lossy()), is_folder) {
+            (true, true) => remove(&path)?,
+            (true, false) => {
+                // Whoever is writing it holds the lock.
+                let unused = std::fs::File::open(&path).is_ok_and(|file| file.try_lock().is_ok());
+                if unused {
+                    remove(&path)?;
+                }
+            }
+            (false, true) => remove_leftovers(&path)?,
+            (false, false) => {}
+        }
+    }
+    Ok(())
+}
+
+/// The names in a folder; none if it is not there.
+pub(crate) fn names_in(folder: &Path) -> Result<Vec<OsString>> {
+    let names = match std::fs::read_dir(folder) {
+        Ok(entries) => entries.map(|entry| Ok(entry?.file_name())).collect(),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+        Err(e) => Err(e),
+    };
+    names.map_err(|e| Error::io("read the folder", folder, e))
+}
+
 /// Makes sure that `folder` exists and can be written to, by writing to it.
 ///
 /// # Errors
 /// It cannot be created or written to.
 pub fn check_writable(folder: &Path) -> Result<()> {
-    let written = std::fs::create_dir_all(folder).and_then(|()| unfinished_in(folder));
+    let written = make_folder(folder).and_then(|()| unfinished_in(folder));
     written.map(drop).map_err(|source| Error::Unwritable {
         path: folder.to_owned(),
         source,
@@ -154,16 +228,61 @@ pub fn blake3_file(path: &Path) -> Result<String> {
     read().map_err(|e| Error::io("read", path, e))
 }
 
+fn make_folder(folder: &Path) -> io::Result<()> {
+    if !folder.is_dir() {
+        fault::point();
+        std::fs::create_dir_all(folder)?;
+    }
+    Ok(())
+}
+
 fn unfinished_in(folder: &Path) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(UNFINISHED_PREFIX);
+    builder.prefix(UNFINISHED_PREFIX).rand_bytes(RANDOM_LENGTH);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
         // Temporary files are private by default; these become ordinary files.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    builder.tempfile_in(folder)
+    loop {
+        let file = builder.tempfile_in(folder)?;
+        // A file system without locks has no leftovers removed either.
+        let _ = file.as_file().lock();
+        // Another process may have taken it for a leftover before the lock was there.
+        if file.path().exists() {
+            fault::point();
+            return Ok(file);
+        }
+    }
+}
+
+/// Ends a debug build at a chosen change to the file system, as a kill would: for tests that try
+/// all of them.
+pub mod fault {
+    /// Environment variable with the number of the change, from 1, before which the process ends.
+    pub const VARIABLE: &str = "STRAT_FAULT_AT";
+
+    /// Counts a change to the file system that is about to be made or was just made.
+    #[cfg(debug_assertions)]
+    pub fn point() {
+        use std::sync::LazyLock;
+        use std::sync::atomic::{AtomicU64, Ordering};
+
+        static CHOSEN: LazyLock<Option<u64>> =
+            LazyLock::new(|| std::env::var(VARIABLE).ok()?.parse().ok());
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        if let Some(chosen) = *CHOSEN
+            && COUNT.fetch_add(1, Ordering::Relaxed) + 1 == chosen
+        {
+            // No destructor runs, as after SIGKILL.
+            std::process::abort();
+        }
+    }
+
+    /// Does nothing in release builds.
+    #[cfg(not(debug_assertions))]
+    pub fn point() {}
 }
 
 #[cfg(test)]
@@ -209,6 +328,35 @@ mod tests {
         );
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(names(folder.path()), ["rows.csv"]);
+    }
+
+    #[test]
+    fn leftovers_go_and_what_is_being_written_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let deep = folder.path().join("images/left");
+        std::fs::create_dir_all(&deep).unwrap();
+        std::fs::write(deep.join(".unfinished-abcDEF"), b"half").unwrap();
+        // Not of the shape that this program gives: a user's own.
+        std::fs::write(deep.join(".unfinished-essay"), b"all of it").unwrap();
+        let mut busy = String::new();
+        write_atomic_with(&deep.join("a.png"), |out| {
+            out.write_all(b"pixels")?;
+            remove_leftovers(folder.path()).map_err(io::Error::other)?;
+            busy = names(&deep).join(" ");
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(busy.split(' ').count(), 2, "{busy}");
+        assert_eq!(names(&deep), [".unfinished-essay", "a.png"]);
+    }
+
+    #[test]
+    fn folders_go_in_one_step() {
+        let folder = tempfile::tempdir().unwrap();
+        let parts = folder.path().join("parts");
+        write_atomic(&parts.join("0/test.csv"), b"id").unwrap();
+        remove_folder_atomic(&parts).unwrap();
+        assert!(names(folder.path()).is_empty());
     }
 
     #[test]

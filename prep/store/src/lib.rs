@@ -8,6 +8,7 @@
 //! [`threads`], [`shard`] and [`spread`] are what the three commands do alike. It knows nothing
 //! about where data comes from, and no clap.
 
+pub mod claim;
 pub mod command;
 mod error;
 pub mod exr;

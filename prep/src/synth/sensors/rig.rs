@@ -7,8 +7,10 @@
 //! sideways shift alone (the millimetres along the other axes are left out), and the
 //! scanner's rotation of 2011_09_26 stands in for the days where it is not known.
 
+use strat_splits::Date;
+
+use super::camera::PinholeCamera;
 use crate::synth::scene::Scene;
-use crate::synth::sensors::picture::PinholeCamera;
 use crate::synth::vector::{V3, v3};
 
 type M3 = [[f64; 3]; 3];
@@ -23,7 +25,7 @@ const VELO_ROTATION: M3 = [
 /// One recording day.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Day {
-    pub name: &'static str,
+    pub date: Date,
     width: u32,
     height: u32,
     focal: f64,
@@ -38,7 +40,7 @@ pub(crate) struct Day {
 /// The five recording days.
 pub(crate) const DAYS: [Day; 5] = [
     Day {
-        name: "2011_09_26",
+        date: Date::D2011_09_26,
         width: 1242,
         height: 375,
         focal: 721.5377,
@@ -53,7 +55,7 @@ pub(crate) const DAYS: [Day; 5] = [
         velo: [-4.069766e-03, -7.631618e-02, -2.717806e-01],
     },
     Day {
-        name: "2011_09_28",
+        date: Date::D2011_09_28,
         width: 1224,
         height: 370,
         focal: 707.0493,
@@ -68,7 +70,7 @@ pub(crate) const DAYS: [Day; 5] = [
         velo: [-4.069766e-03, -7.631618e-02, -2.717806e-01],
     },
     Day {
-        name: "2011_09_29",
+        date: Date::D2011_09_29,
         width: 1238,
         height: 374,
         focal: 718.3351,
@@ -83,7 +85,7 @@ pub(crate) const DAYS: [Day; 5] = [
         velo: [-4.069766e-03, -7.631618e-02, -2.717806e-01],
     },
     Day {
-        name: "2011_09_30",
+        date: Date::D2011_09_30,
         width: 1226,
         height: 370,
         focal: 707.0912,
@@ -98,7 +100,7 @@ pub(crate) const DAYS: [Day; 5] = [
         velo: [-7.137748e-03, -7.482656e-02, -3.336324e-01],
     },
     Day {
-        name: "2011_10_03",
+        date: Date::D2011_10_03,
         width: 1241,
         height: 376,
         focal: 718.8560,
@@ -278,9 +280,12 @@ impl Rig {
     }
 }
 
-/// The day's table entry by name.
-pub(crate) fn day(name: &str) -> Option<&'static Day> {
-    DAYS.iter().find(|d| d.name == name)
+/// The table entry of a recording day.
+pub(crate) fn day(date: Date) -> &'static Day {
+    let named = |day: &&Day| day.date == date;
+    DAYS.iter()
+        .find(named)
+        .expect("every recording day has an entry")
 }
 
 /// A number as KITTI's calibration files write it: `7.215377e+02`.
