@@ -137,6 +137,9 @@ fn conclude(out: &Path, shard: Option<Shard>, report: &Report) -> Result<u8, Cli
         None => format!("\nset {out} ({content})\ndigest {}", manifest.data_digest),
     };
     print_line(text)?;
+    for doubt in &report.doubts {
+        eprint_line(format_args!("warning: {doubt}"));
+    }
     if report.failures.is_empty() {
         return Ok(DONE);
     }

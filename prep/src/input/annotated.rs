@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::input::source::{self, Source};
 
 /// Folder of a drive in which the left images' ground truth lies.
-const PLACE: &str = "proj_depth/groundtruth/image_02";
+const SUBFOLDER: &str = "proj_depth/groundtruth/image_02";
 
 /// The parts into which KITTI depth divides the drives.
 const PARTS: [&str; 2] = ["train", "val"];
@@ -39,7 +39,7 @@ impl AnnotatedFolder {
             problem,
         };
         let layout = format!(
-            "looked for train/<drive>_sync/{PLACE} and val/<drive>_sync/{PLACE}; give the archive \
+            "looked for train/<drive>_sync/{SUBFOLDER} and val/<drive>_sync/{SUBFOLDER}; give the archive \
              data_depth_annotated.zip or the folder into which it was unpacked"
         );
         let mut packed = BTreeMap::new();
@@ -65,8 +65,11 @@ impl AnnotatedFolder {
 
     /// The depth of a frame's left image.
     pub fn depth(&self, frame: FrameId) -> Option<Source> {
-        let name = format!("{}_sync/{PLACE}/{}.png", frame.drive, frame.stem());
-        let paths = PARTS.map(|part| self.root.join(part).join(&name));
+        let stem = format!("{}_sync/{SUBFOLDER}/{}", frame.drive, frame.stem());
+        let paths = ["png", "PNG"].into_iter().flat_map(|extension| {
+            let name = format!("{stem}.{extension}");
+            PARTS.map(|part| self.root.join(part).join(&name))
+        });
         let on_disk = paths.into_iter().find(|path| path.is_file());
         on_disk
             .map(Source::File)
@@ -81,8 +84,9 @@ fn frame_of(name: &str) -> Option<FrameId> {
     let [drive, place @ .., file] = &parts[at + 1..] else {
         return None;
     };
-    let stem = file.strip_suffix(".png").filter(|stem| stem.len() == 10)?;
-    (place.join("/") == PLACE).then_some(())?;
+    let (stem, extension) = file.rsplit_once('.')?;
+    (stem.len() == 10 && extension.eq_ignore_ascii_case("png")).then_some(())?;
+    (place.join("/") == SUBFOLDER).then_some(())?;
     Some(FrameId {
         drive: drive.parse::<DriveId>().ok()?,
         index: stem.parse().ok()?,

@@ -3,7 +3,7 @@
 //!
 //! Only names are looked at and calibration files read; no image or scan is opened here.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -16,10 +16,10 @@ use crate::input::source::{self, Source};
 
 const OPTION: &str = "--raw";
 
-/// Left images, right images and scans: their folders and endings.
+/// Left images, right images and scans: their folders and extensions.
 const KINDS: [(&str, &[&str]); 3] = [
-    ("image_02", &IMAGE_ENDINGS),
-    ("image_03", &IMAGE_ENDINGS),
+    ("image_02", &IMAGE_EXTENSIONS),
+    ("image_03", &IMAGE_EXTENSIONS),
     ("velodyne_points", &["bin"]),
 ];
 
@@ -67,11 +67,14 @@ struct Found {
     calibrations: BTreeMap<(Date, &'static str), Source>,
     days: BTreeMap<Date, PathBuf>,
     drives: BTreeMap<DriveId, Drive>,
+    unsynced: BTreeSet<DriveId>,
 }
 
 /// What the name of an entry says it is.
 enum Meaning {
     Rendered,
+    /// Part of a drive as it was before synchronising and rectifying.
+    Unsynced(DriveId),
     Calibration(Date, &'static str),
     Frame(DriveId, usize, u32),
 }
@@ -106,10 +109,16 @@ impl RawFolder {
             let entries = list(root).map_err(|e| wrong(e.to_string()))?;
             found.rendered = root.join(RENDERED).is_file();
             let mut archives = archives_of(root, &entries);
-            for date in Date::ALL {
-                let folder = root.join(date.as_str());
-                if folder.is_dir() {
-                    archives.extend(found.add_day(date, &folder));
+            // The folder itself, and those into which archives were unpacked beside each other. Folders of
+            // other names may hold other data, e.g. a rendered world.
+            let beside = entries.iter().filter(|name| is_archive_stem(name));
+            let beside = beside.map(|name| root.join(name));
+            for folder in std::iter::once(root.to_owned()).chain(beside) {
+                for date in Date::ALL {
+                    let day = folder.join(date.as_str());
+                    if day.is_dir() {
+                        archives.extend(found.add_day(date, &day));
+                    }
                 }
             }
             for archive in archives {
@@ -122,6 +131,19 @@ impl RawFolder {
                 return Err(wrong(broken.unwrap_or_else(|| explain(root, &entries))));
             }
         }
+        let unsynced = found.unsynced.iter();
+        let unsynced: Vec<_> = unsynced
+            .filter(|id| !found.drives.contains_key(id))
+            .map(ToString::to_string)
+            .collect();
+        let notes = match unsynced.len() {
+            0 => Vec::new(),
+            count => vec![format!(
+                "{count} drives are there only as `_extract`, which is neither synchronised nor rectified and \
+                 cannot be used; download them as `_sync`: {}",
+                unsynced.join(", ")
+            )],
+        };
         let calibrations = found.calibrations;
         let day = |(date, place): (Date, PathBuf)| {
             let files = CALIBRATIONS.map(|name| calibrations.get(&(date, name)));
@@ -131,7 +153,7 @@ impl RawFolder {
             root: root.to_owned(),
             rendered: found.rendered,
             broken: found.broken,
-            notes: Vec::new(),
+            notes,
             days: found.days.into_iter().map(day).collect(),
             drives: found.drives,
         })
@@ -171,11 +193,13 @@ impl Found {
     /// Adds the folder of a day and returns the archives in it. What cannot be listed is noted
     /// and costs nothing else.
     fn add_day(&mut self, date: Date, folder: &Path) -> Vec<PathBuf> {
-        self.days.insert(date, folder.to_owned());
+        let day = self.days.entry(date);
+        day.or_insert_with(|| folder.to_owned());
         for name in CALIBRATIONS {
             let path = folder.join(name);
             if path.exists() {
-                self.calibrations.insert((date, name), Source::File(path));
+                let file = self.calibrations.entry((date, name));
+                file.or_insert(Source::File(path));
             }
         }
         let Some(entries) = self.noted(folder) else {
@@ -185,7 +209,9 @@ impl Found {
             let path = folder.join(name);
             match name.parse::<DriveId>() {
                 Ok(id) if id.date == date && path.is_dir() => self.add_drive(id, &path),
-                _ => {}
+                _ => self
+                    .unsynced
+                    .extend(unsynced(name).filter(|id| id.date == date)),
             }
         }
         archives_of(folder, &entries)
@@ -196,14 +222,14 @@ impl Found {
         if self.noted(folder).is_none() {
             return;
         }
-        for (kind, (name, endings)) in KINDS.iter().enumerate() {
+        for (kind, (name, extensions)) in KINDS.iter().enumerate() {
             // Some copies leave out the level `data`.
             for place in [folder.join(name).join("data"), folder.join(name)] {
                 if !place.is_dir() {
                     continue;
                 }
                 for name in self.noted(&place).unwrap_or_default() {
-                    if let Some(index) = frame_number(&name, endings) {
+                    if let Some(index) = frame_number(&name, extensions) {
                         let source = Source::File(place.join(&name));
                         self.add_file(id, kind, index, source);
                     }
@@ -216,6 +242,9 @@ impl Found {
         let entries = source::entries(path, |name| meaning(name).is_some())?;
         for entry in entries {
             match meaning(entry.name()) {
+                Some(Meaning::Unsynced(id)) => {
+                    self.unsynced.insert(id);
+                }
                 Some(Meaning::Rendered) => self.rendered = true,
                 Some(Meaning::Calibration(date, name)) => {
                     self.days.entry(date).or_insert_with(|| path.to_owned());
@@ -293,11 +322,12 @@ impl Day {
     }
 }
 
-/// The frame number of a name like `0000000005.png` with one of the endings.
-fn frame_number(name: &str, endings: &[&str]) -> Option<u32> {
-    let (stem, ending) = name.rsplit_once('.')?;
+/// The frame number of a name like `0000000005.png` with one of the extensions, in any case.
+fn frame_number(name: &str, extensions: &[&str]) -> Option<u32> {
+    let (stem, extension) = name.rsplit_once('.')?;
     let digits = stem.len() == 10 && stem.bytes().all(|b| b.is_ascii_digit());
-    (digits && endings.contains(&ending))
+    let known = |known: &&str| known.eq_ignore_ascii_case(extension);
+    (digits && extensions.iter().any(known))
         .then(|| stem.parse().ok())
         .flatten()
 }
@@ -317,6 +347,7 @@ fn meaning(name: &str) -> Option<Meaning> {
             let name = CALIBRATIONS.into_iter().find(|name| *name == file)?;
             Some(Meaning::Calibration(date, name))
         }
+        [drive, ..] if unsynced(drive).is_some() => unsynced(drive).map(Meaning::Unsynced),
         [drive, folder, "data", file] | [drive, folder, file] => {
             let id: DriveId = drive.parse().ok().filter(|id: &DriveId| id.date == date)?;
             let kind = KINDS.iter().position(|(name, _)| *name == folder)?;
@@ -324,6 +355,18 @@ fn meaning(name: &str) -> Option<Meaning> {
         }
         _ => None,
     }
+}
+
+/// The drive of a folder `2011_09_26_drive_0001_extract`.
+fn unsynced(name: &str) -> Option<DriveId> {
+    name.strip_suffix("_extract")?.parse().ok()
+}
+
+/// Whether a folder is called as one of KITTI's archives: `2011_09_26_drive_0001_sync`,
+/// `2011_09_26_calib`.
+fn is_archive_stem(name: &str) -> bool {
+    let calibration = |date: Date| name.strip_prefix(date.as_str()) == Some("_calib");
+    name.parse::<DriveId>().is_ok() || Date::ALL.into_iter().any(calibration)
 }
 
 /// The archives among the entries of a folder.
@@ -335,8 +378,8 @@ fn archives_of(folder: &Path, entries: &[String]) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Endings of images, of which PNG is preferred: it is the original.
-pub(crate) const IMAGE_ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
+/// Extensions of images, of which PNG is preferred: it is the original.
+pub(crate) const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// The names in a folder, sorted; an error says that there is no folder or what else is wrong.
 fn list(folder: &Path) -> std::io::Result<Vec<String>> {
@@ -388,6 +431,11 @@ fn explain(root: &Path, entries: &[String]) -> String {
             .nth(steps)
             .map_or(String::new(), |p| p.display().to_string())
     };
+    if let Some(drive) = entries.iter().find(|name| unsynced(name).is_some()) {
+        return format!(
+            "{LAYOUT}; {drive} is neither synchronised nor rectified. Download the drive as `_sync`"
+        );
+    }
     if entries.iter().any(|name| name.parse::<DriveId>().is_ok()) {
         return format!(
             "this is the folder of one recording day; {LAYOUT}. Give the folder above it: {OPTION} {}",

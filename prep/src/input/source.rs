@@ -265,7 +265,9 @@ pub fn entries(path: &Path, wanted: impl Fn(&str) -> bool) -> Result<Vec<Entry>,
         let entry = zip.by_index_data(index).map_err(|e| damaged(&e))?;
         // A name that is no text is none of KITTI's.
         let Ok(name) = entry.name() else { continue };
-        let odd = |part: &str| matches!(part, "" | "." | "..") || part.contains(['\\', ':']);
+        // Some programs on Windows write their own separator, against the format (APPNOTE.TXT 4.4.17).
+        let name = name.replace('\\', "/");
+        let odd = |part: &str| matches!(part, "" | "." | "..") || part.contains(':');
         if !entry.is_file() || name.split('/').any(odd) || !wanted(&name) {
             continue;
         }
@@ -354,15 +356,19 @@ mod tests {
             "../x.png",
             "/x.png",
             "a/../x.png",
-            "a\\x.png",
+            "..\\x.png",
+            "a\\..\\x.png",
+            "\\x.png",
             "c:/x.png",
+            "c:\\x.png",
             "x.png",
+            "a\\b\\x.png",
         ];
         let files = names.map(|name| (name, &b"x"[..], CompressionMethod::Stored));
         let (_folder, path) = archive(&files);
         let found = entries(&path, |_| true).unwrap();
         let found: Vec<_> = found.iter().map(Entry::name).collect();
-        assert_eq!(found, ["x.png"]);
+        assert_eq!(found, ["x.png", "a/b/x.png"]);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use strat_splits::Date;
 
 use crate::error::{Error, Result};
-use crate::input::raw::{IMAGE_ENDINGS, RENDERED, names};
+use crate::input::raw::{IMAGE_EXTENSIONS, RENDERED, names};
 use crate::input::source::{self, Source};
 
 /// Which data set a folder should be.
@@ -129,9 +129,14 @@ impl SceneFolder {
         })
     }
 
-    /// A picture of a scene, e.g. `image_2/000006_10.png`.
+    /// A picture of a scene, e.g. `image_2/000006_10.png`, in any case of the extension.
     pub fn picture(&self, folder: &str, number: usize) -> Option<Source> {
-        let names = IMAGE_ENDINGS.map(|ending| format!("{folder}/{number:06}_10.{ending}"));
+        let shouted = IMAGE_EXTENSIONS.map(str::to_uppercase);
+        let extensions = IMAGE_EXTENSIONS.iter().copied();
+        let extensions = extensions.chain(shouted.iter().map(String::as_str));
+        let names: Vec<_> = extensions
+            .map(|extension| format!("{folder}/{number:06}_10.{extension}"))
+            .collect();
         let on_disk = names.iter().find_map(|name| self.unpacked(name));
         on_disk.or_else(|| names.iter().find_map(|name| self.packed.get(name).cloned()))
     }

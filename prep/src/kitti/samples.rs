@@ -30,6 +30,9 @@ use crate::set::writer::{Report, SetOptions, write_set};
 /// on frames of KITTI, so that no run is refused that would fit.
 const MIN_BYTES: (f64, f64, u64) = (1.5, 0.3, 100_000);
 
+/// Metres beyond which no scanner of a car measures; KITTI's sees 120.
+const MAX_RANGE_M: f32 = 1000.0;
+
 /// Bytes the jobs (of a shard) will write at least; of pairs whose left image is in `out` already,
 /// none.
 pub fn bytes_to_write(
@@ -243,8 +246,16 @@ fn scan_depth(
         height,
         data,
     });
-    if along_scanner.data.iter().all(|depth_m| *depth_m == 0.0) {
+    let farthest_m = along_scanner.data.iter().copied().fold(0.0, f32::max);
+    if farthest_m == 0.0 {
         let problem = "no point of the scan falls into the image";
+        return Err(SampleError::about(scan, problem));
+    }
+    if farthest_m > MAX_RANGE_M {
+        let problem = format!(
+            "a point lies {farthest_m} m away, but no such scanner sees beyond {MAX_RANGE_M} m; coordinates \
+             should be metres in 32-bit floats"
+        );
         return Err(SampleError::about(scan, problem));
     }
     let header = |axis| depth_header("velodyne", axis, job, cameras);

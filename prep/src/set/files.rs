@@ -1,8 +1,9 @@
 //! The files of a set while it is made: those that are there and those that are added.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
 use strat_splits::Role;
@@ -13,6 +14,7 @@ use strat_store::set::{FileRef, PreparedSet};
 
 use super::sample::{SampleError, SampleResult};
 use super::settings::Settings;
+use crate::input::source::Source;
 
 /// The files of a set while it is made.
 pub struct SetFiles<'a> {
@@ -23,6 +25,32 @@ pub struct SetFiles<'a> {
     known: HashMap<String, String>,
     written: AtomicU64,
     kept: AtomicU64,
+    doubts: Mutex<BTreeMap<Doubt, (u64, String)>>,
+}
+
+/// Something about ground truth that is not an error and yet may be a mistake.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Doubt {
+    /// Disparities below 0, which count as not measured.
+    NegativeDisparity,
+    /// Depth at which the cameras see less than a tenth of a pixel of disparity.
+    BeyondSight,
+}
+
+impl Doubt {
+    /// What may be wrong, for a sentence that begins with how many maps it concerns.
+    fn explanation(self) -> &'static str {
+        match self {
+            Self::NegativeDisparity => {
+                "have negative disparities, which count as not measured; if the cameras' principal points \
+                 differ (`doffs` of Middlebury), add the difference first"
+            }
+            Self::BeyondSight => {
+                "have depth at which these cameras see less than a tenth of a pixel of disparity; depth \
+                 and baseline should be metres, and what was not measured 0"
+            }
+        }
+    }
 }
 
 impl<'a> SetFiles<'a> {
@@ -34,7 +62,29 @@ impl<'a> SetFiles<'a> {
             known: known_hashes(out),
             written: 0.into(),
             kept: 0.into(),
+            doubts: Mutex::default(),
         }
+    }
+
+    /// Notes that some pixels of a map are doubtful.
+    pub fn doubt(&self, doubt: Doubt, map: &Source, pixels: usize) {
+        let example = format!("{map}: {pixels} pixels");
+        let mut doubts = self.doubts.lock().unwrap_or_else(PoisonError::into_inner);
+        let (count, first) = doubts.entry(doubt).or_insert((0, example.clone()));
+        *count += 1;
+        // The same one, whichever thread came first.
+        if example < *first {
+            *first = example;
+        }
+    }
+
+    /// The doubts as sentences.
+    pub fn doubts(&self) -> Vec<String> {
+        let doubts = self.doubts.lock().unwrap_or_else(PoisonError::into_inner);
+        let sentence = |(doubt, (count, first)): (&Doubt, &(u64, String))| {
+            format!("{count} maps {} (first: {first})", doubt.explanation())
+        };
+        doubts.iter().map(sentence).collect()
     }
 
     /// How many files were written.

@@ -80,6 +80,7 @@ pub fn merge(out: &Path) -> Result<Report> {
         failures: results.failures,
         written: 0,
         kept: 0,
+        doubts: Vec::new(),
     })
 }
 

@@ -46,6 +46,8 @@ pub struct Report {
     pub written: u64,
     /// Files an earlier run had written.
     pub kept: u64,
+    /// Sentences about inputs that were used and may be mistaken.
+    pub doubts: Vec<String>,
 }
 
 /// Makes the frames and writes the set, or the part of it that is asked for. `expected` are the samples
@@ -131,5 +133,6 @@ pub fn write_set<T: Sync>(
         failures: results.failures,
         written: set_files.written(),
         kept: set_files.kept_files(),
+        doubts: set_files.doubts(),
     })
 }

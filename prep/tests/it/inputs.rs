@@ -6,7 +6,9 @@ use strat_splits::Role;
 use strat_store::image_files;
 use strat_store::resize::{self, Kernel};
 
-use crate::world::{DRIVE_1, DRIVE_2, World, assert_has, assert_same_tree, ids, picture, prep};
+use crate::world::{
+    CAM, DRIVE_1, DRIVE_2, VELO, World, assert_has, assert_same_tree, ids, picture, prep, tree,
+};
 
 #[test]
 fn scenes_without_calibration_go_by_their_size() {
@@ -161,4 +163,164 @@ fn odd_places_are_no_trouble() {
     let outcome = prep(&[&["eigen", "--raw", raw, "--out", out], &sizes[..]].concat());
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     assert_same_tree(&world.path("whole"), Path::new(out));
+}
+
+#[test]
+fn archives_unpacked_beside_each_other_are_one_folder() {
+    let world = World::new();
+    assert_eq!(world.kitti("whole", &["--allow-missing"]).code, 0);
+    for (archive, inner) in [
+        ("2011_09_26_drive_0001_sync", DRIVE_1),
+        ("2011_09_26_drive_0002_sync", DRIVE_2),
+    ] {
+        std::fs::create_dir_all(world.path(&format!("beside/{archive}/2011_09_26"))).unwrap();
+        let to = world.path(&format!("beside/{archive}/{inner}"));
+        std::fs::rename(world.path(&format!("raw/{inner}")), to).unwrap();
+    }
+    let calib = "beside/2011_09_26_calib/2011_09_26/calib";
+    world.write(&format!("{calib}_cam_to_cam.txt"), CAM.as_bytes());
+    world.write(&format!("{calib}_velo_to_cam.txt"), VELO.as_bytes());
+    let outcome = world.kitti_from("beside", "stereo", "out");
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_same_tree(&world.path("whole"), &world.path("out"));
+    // A folder of another name may be another data set, and is not mixed in.
+    std::fs::rename(
+        world.path("beside/2011_09_26_drive_0002_sync"),
+        world.path("beside/rendered"),
+    )
+    .unwrap();
+    let outcome = world.kitti_from("beside", "stereo", "less");
+    assert_has(
+        &outcome.stderr,
+        &["no folder for 19 drives (6164 pairs): 0002 "],
+    );
+}
+
+/// Writes an archive of stored files; their names stay as they are.
+fn zip(path: &Path, files: &[(String, Vec<u8>)]) {
+    use std::io::Write;
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let mut zip = zip::ZipWriter::new(std::fs::File::create(path).unwrap());
+    for (name, content) in files {
+        let options = zip::write::SimpleFileOptions::default()
+            .compression_method(zip::CompressionMethod::Stored);
+        zip.start_file(name.as_str(), options).unwrap();
+        zip.write_all(content).unwrap();
+    }
+    zip.finish().unwrap();
+}
+
+#[test]
+fn archives_with_backslashes_are_read() {
+    let world = World::new();
+    assert_eq!(world.kitti("whole", &["--allow-missing"]).code, 0);
+    let files = tree(&world.path("raw")).into_iter();
+    let files: Vec<_> = files
+        .map(|(name, content)| (name.to_str().unwrap().replace('/', "\\"), content))
+        .collect();
+    assert!(files.iter().all(|(name, _)| !name.contains('/')));
+    zip(&world.path("zips/all.zip"), &files);
+    let outcome = world.kitti_from("zips", "stereo", "out");
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_same_tree(&world.path("whole"), &world.path("out"));
+}
+
+#[test]
+fn drives_that_are_not_rectified_are_named() {
+    let world = World::new();
+    std::fs::rename(
+        world.path(&format!("raw/{DRIVE_1}")),
+        world.path("raw/2011_09_26/2011_09_26_drive_0001_extract"),
+    )
+    .unwrap();
+    let name = "2011_09_26/2011_09_26_drive_0005_extract/image_02/data/0000000000.png";
+    zip(
+        &world.path("raw/2011_09_26_drive_0005_extract.zip"),
+        &[(name.to_owned(), vec![1])],
+    );
+    let outcome = world.kitti("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let named =
+        "2 drives are there only as `_extract`, which is neither synchronised nor rectified";
+    let drives = "as `_sync`: 2011_09_26_drive_0001, 2011_09_26_drive_0005";
+    assert_has(&outcome.stderr, &[named, drives]);
+    let only = world.path("raw/2011_09_26").display().to_string();
+    std::fs::remove_dir_all(world.path(&format!("raw/{DRIVE_2}"))).unwrap();
+    let outcome = world.kitti_from("raw/2011_09_26", "stereo", "none");
+    assert_eq!(outcome.code, 2, "{only}");
+    assert_has(
+        &outcome.stderr,
+        &["drive_0001_extract is neither synchronised"],
+    );
+}
+
+#[test]
+fn extensions_may_be_in_capitals() {
+    let world = World::new();
+    assert_eq!(world.kitti("whole", &["--allow-missing"]).code, 0);
+    for root in ["raw", "stereo"] {
+        for name in tree(&world.path(root)).into_keys() {
+            if name.extension().is_some_and(|extension| extension == "png") {
+                let from = world.path(root).join(&name);
+                std::fs::rename(&from, from.with_extension("PNG")).unwrap();
+            }
+        }
+    }
+    let outcome = world.kitti("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_same_tree(&world.path("whole"), &world.path("out"));
+}
+
+#[test]
+fn test_frames_need_no_right_image() {
+    let world = World::new();
+    world.remove(&format!("raw/{DRIVE_2}/image_03/data/0000000003.png"));
+    let outcome = world.eigen("out", &["--allow-missing", "--test-only"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert_has(&outcome.stdout, &["test 2 of 697"]);
+    assert_has(
+        &outcome.stderr,
+        &["written without them", "right images (image_03) missing"],
+    );
+    let set = world.open("out");
+    let samples = set.samples(Role::Test).unwrap();
+    let without: Vec<_> = samples.iter().filter(|s| s.right.is_none()).collect();
+    assert_eq!(without.len(), 1);
+    assert!(without[0].id.ends_with("0000000003") && without[0].depth_velodyne.is_some());
+    // A training pair is none without it.
+    world.remove(&format!("raw/{DRIVE_1}/image_03/data/0000000004.png"));
+    let outcome = world.eigen("all", &["--allow-missing"]);
+    assert_has(
+        &outcome.stdout,
+        &["train 0 of 23158 pairs, val 1 of 330, test 2 of 697"],
+    );
+}
+
+#[test]
+fn scans_of_another_type_are_refused() {
+    let world = World::new();
+    let points = crate::world::scan();
+    let numbers = points
+        .chunks_exact(4)
+        .map(|b| f32::from_le_bytes(b.try_into().unwrap()));
+    let doubles: Vec<u8> = numbers.flat_map(|n| f64::from(n).to_le_bytes()).collect();
+    world.write(
+        &format!("raw/{DRIVE_2}/velodyne_points/data/0000000003.bin"),
+        &doubles,
+    );
+    let outcome = world.eigen("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+    assert_has(
+        &outcome.stderr,
+        &["0000000003.bin: a Velodyne scan is rows of x, y, z and reflectance"],
+    );
+    assert_eq!(ids(&world.open("out"), Role::Test).len(), 1);
+    let raw = world.path("raw").display().to_string();
+    let verified = prep(&[
+        "verify", "--raw", &raw, "--split", "eigen", "--deep", "--quiet",
+    ]);
+    assert_has(
+        &verified.stdout,
+        &["0000000003 (a Velodyne scan is rows of"],
+    );
 }

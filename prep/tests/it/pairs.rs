@@ -238,7 +238,7 @@ fn bad_frames_cost_themselves_only_and_a_second_run_completes() {
         "line 3: `focal_px` should be a positive number, but is `long`",
         "Bild 9.png",
         "klein.png is 29x20, but its left image is 30x20",
-        "klein.npy: it is 2x1, but its left image is 30x20",
+        "klein.npy is 2x1, but its left image is 30x20",
         "ganz.npy: its type is `<i8`",
         "leer.png: it has no measured pixel",
         "text.tif: ground truth is read from .png",
@@ -377,4 +377,135 @@ fn ground_truth_is_exported() {
     std::fs::write(set.path(&file), b"damaged").unwrap();
     let (code, _, err) = run("npy", &[]);
     assert!(code == 1 && err.contains("ort/b1 left out"), "{err}");
+}
+
+/// A PNG that lies on its side: its EXIF data, a big-endian TIFF directory of one entry, says that it is
+/// to be turned by 90 degrees to the right (CIPA DC-008, orientation 6).
+fn lying(upright: &RgbImage) -> Vec<u8> {
+    use image::ImageEncoder;
+    let stored = image::imageops::rotate270(upright);
+    let mut exif = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0".to_vec();
+    exif.extend([6, 0, 0, 0, 0, 0, 0]);
+    let mut bytes = Vec::new();
+    let mut encoder = image::codecs::png::PngEncoder::new(&mut bytes);
+    encoder.set_exif_metadata(exif).unwrap();
+    let (width, height) = stored.dimensions();
+    encoder
+        .write_image(&stored, width, height, image::ExtendedColorType::Rgb8)
+        .unwrap();
+    bytes
+}
+
+#[test]
+fn images_that_lie_on_their_side_are_turned() {
+    let rows = "left,right,focal_px,baseline_m,split,id,disparity\n\
+                links/Bild 1.png,rechts/Bild 1.png,700,0.5,test,a,d/1.png\n";
+    let made = |lie: bool| {
+        let world = World::new();
+        world.write("d/1.png", &disparity_png(|i| i as u16));
+        if lie {
+            let bytes = lying(&picture(WIDTH, HEIGHT, 1));
+            world.write("links/Bild 1.png", &bytes);
+            world.write("rechts/Bild 1.png", &bytes);
+        }
+        let (code, _, err) = world.prep(rows);
+        assert_eq!(code, 0, "{err}");
+        let set = PreparedSet::open(&world.out()).unwrap();
+        let sample = set.samples(Role::Test).unwrap().remove(0);
+        let full = image_files::read_rgb(&set.path(sample.left_full.as_ref().unwrap())).unwrap();
+        // A second run takes the size from the first bytes alone; truth depends on the new list.
+        let again = world.prep(rows);
+        assert!(again.1.contains("1 files written, 3 kept"), "{}", again.1);
+        (
+            sample.left,
+            sample.right,
+            sample.depth_camera,
+            sample.width,
+            full,
+        )
+    };
+    assert_eq!(made(true), made(false));
+}
+
+#[test]
+fn integers_are_not_taken_for_metres() {
+    let world = World::new();
+    let values: Vec<u8> = (0..WIDTH * HEIGHT)
+        .flat_map(|_| 2560_u16.to_le_bytes())
+        .collect();
+    world.write("d/1.npy", &npy("<u2", "(20, 30)", &values));
+    let row = |scale: &str| {
+        format!(
+            "left,right,focal_px,baseline_m,split,depth,depth_scale\n\
+             links/Bild 1.png,rechts/Bild 1.png,700,0.5,test,d/1.npy,{scale}\n"
+        )
+    };
+    let (code, _, err) = world.prep(&row(""));
+    assert_eq!(code, 1);
+    assert!(
+        err.contains("16-bit integers") && err.contains("depth_scale"),
+        "{err}"
+    );
+    let (code, _, err) = world.prep(&row("256"));
+    assert_eq!(code, 0, "{err}");
+    let set = PreparedSet::open(&world.out()).unwrap();
+    let sample = set.samples(Role::Test).unwrap().remove(0);
+    let (depth, _) = exr::read_depth(&set.path(sample.depth_camera.as_ref().unwrap())).unwrap();
+    assert!(depth.data.iter().all(|depth_m| *depth_m == 10.0));
+}
+
+#[test]
+fn doubtful_ground_truth_is_said() {
+    let world = World::new();
+    let floats = |value: f32| -> Vec<u8> {
+        // One good value, the others as given.
+        let values = (0..WIDTH * HEIGHT).map(|i| if i == 0 { 8.0 } else { value });
+        values.flat_map(f32::to_le_bytes).collect()
+    };
+    world.write("d/negative.npy", &npy("<f4", "(20, 30)", &floats(-3.0)));
+    // 700 px * 0.5 m / 0.1 px = 3500 m is the farthest that this pair sees.
+    world.write("d/seen.npy", &npy("<f4", "(20, 30)", &floats(3499.0)));
+    world.write(
+        "d/millimetres.npy",
+        &npy("<f4", "(20, 30)", &floats(9000.0)),
+    );
+    let head = "left,right,focal_px,baseline_m,split,id,";
+    let images = "links/Bild 1.png,rechts/Bild 1.png,700,0.5,test";
+    let run = |kind: &str, names: &[&str]| {
+        let rows: String = names
+            .iter()
+            .map(|n| format!("{images},{kind} {n},d/{n}.npy\n"))
+            .collect();
+        let _ = std::fs::remove_dir_all(world.out());
+        let (code, _, err) = world.prep(&format!("{head}{kind}\n{rows}"));
+        assert_eq!(code, 0, "{err}");
+        err
+    };
+    let err = run("disparity", &["negative"]);
+    let all_but_one = format!("negative.npy: {} pixels", WIDTH * HEIGHT - 1);
+    for part in [
+        "warning: 1 maps have negative disparities",
+        "doffs",
+        &all_but_one,
+    ] {
+        assert!(err.contains(part), "{part} should be in {err}");
+    }
+    assert_eq!(run("depth", &["seen"]), "");
+    let err = run("depth", &["seen", "millimetres"]);
+    assert!(
+        err.contains("warning: 1 maps have depth at which these cameras see less"),
+        "{err}"
+    );
+    assert!(err.contains("millimetres.npy: 599 pixels"), "{err}");
+
+    let _ = std::fs::remove_dir_all(world.out());
+    let (_, _, err) = world.prep(
+        "left,right,focal_px,baseline_m\n\
+         links/Bild 1.png,rechts/Bild 1.png,700,540\n\
+         links/Bild 2.png,rechts/Bild 2.png,700,0.54\n",
+    );
+    assert!(
+        err.contains("1 pairs have a baseline of more than 5 m (first: links/Bild 1, 540 m)"),
+        "{err}"
+    );
 }

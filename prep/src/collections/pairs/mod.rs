@@ -26,13 +26,19 @@ use self::list::{Row, Table, Truth};
 use super::{Frames, build, measured};
 use crate::error::{Error, Result};
 use crate::input::source::Source;
-use crate::set::files::SetFiles;
+use crate::set::files::{Doubt, SetFiles};
 use crate::set::results::Failure;
 use crate::set::sample::{Frame, SampleError, SampleResult, same_size};
 use crate::set::writer::{Report, SetOptions};
 
 /// Values of 16-bit PNG per metre or pixel, as KITTI stores them.
 const PNG_SCALE: f64 = 256.0;
+
+/// Disparity in pixels below which a pair tells nothing about depth.
+const MIN_DISPARITY_PX: f64 = 0.1;
+
+/// Baseline in metres above which it is probably given in another unit.
+const MAX_BASELINE_M: f64 = 5.0;
 
 /// A pair with its files.
 struct Pair {
@@ -58,6 +64,19 @@ pub fn prepare(csv: &Path, shares: Shares, options: &SetOptions) -> Result<Repor
     };
     let bytes = files::read(csv).map_err(|e| wrong(e.to_string()))?;
     let table = list::parse(&bytes, shares).map_err(wrong)?;
+    let wide = table
+        .rows
+        .iter()
+        .filter(|row| row.baseline_m > MAX_BASELINE_M);
+    let wide_baselines = wide.clone().next().map(|first| {
+        format!(
+            "{} pairs have a baseline of more than {MAX_BASELINE_M} m (first: {}, {} m); it should be metres \
+             between the cameras, not millimetres",
+            wide.count(),
+            first.id,
+            first.baseline_m
+        )
+    });
     let frames = frames(csv, table);
     if frames.frames.is_empty() {
         return Err(wrong(match frames.failures.first() {
@@ -65,7 +84,9 @@ pub fn prepare(csv: &Path, shares: Shares, options: &SetOptions) -> Result<Repor
             None => "it has no rows".to_owned(),
         }));
     }
-    build(Content::Pairs, options, &[], frames, make)
+    let mut report = build(Content::Pairs, options, &[], frames, make)?;
+    report.doubts.extend(wide_baselines);
+    Ok(report)
 }
 
 fn frames(csv: &Path, table: Table) -> Frames<Pair> {
@@ -155,11 +176,23 @@ fn ground_truth(
             ));
         }
     };
-    for value in &mut values {
-        *value /= scale;
-        if truth.is_disparity && *value > 0.0 {
-            *value = depth_from_disparity_px(pair.focal_px, pair.baseline_m, *value);
+    values.iter_mut().for_each(|value| *value /= scale);
+    if truth.is_disparity {
+        let negative = values.iter().filter(|value| **value < 0.0).count();
+        if negative > 0 {
+            files.doubt(Doubt::NegativeDisparity, from, negative);
         }
+        let depth_m = |disparity_px| match disparity_px > 0.0 {
+            true => depth_from_disparity_px(pair.focal_px, pair.baseline_m, disparity_px),
+            false => 0.0,
+        };
+        values.iter_mut().for_each(|value| *value = depth_m(*value));
+    }
+    let farthest_m = depth_from_disparity_px(pair.focal_px, pair.baseline_m, MIN_DISPARITY_PX);
+    let beyond = |depth_m: &&f64| depth_m.is_finite() && **depth_m > farthest_m;
+    let beyond = values.iter().filter(beyond).count();
+    if beyond > 0 {
+        files.doubt(Doubt::BeyondSight, from, beyond);
     }
     let data: Vec<f32> = values.into_iter().map(measured).collect();
     if data.iter().all(|depth_m| *depth_m == 0.0) {
