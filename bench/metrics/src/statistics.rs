@@ -112,7 +112,7 @@ pub struct Summary {
     pub intervals: Option<[Interval; 7]>,
     /// Interval of `d1_all`.
     pub d1_all_interval: Option<Interval>,
-    /// Interval of `pooled_rmse`.
+    /// Interval of `pooled_rmse`; none either where one recording has more than half of the pixels.
     pub pooled_rmse_interval: Option<Interval>,
 }
 
@@ -154,6 +154,7 @@ pub fn summarise(rows: &[&Row]) -> Option<Summary> {
         sums.pixels += row.score.pixels as f64;
     }
     let sizes: Vec<f64> = recordings.values().map(|sums| sums.rows).collect();
+    let pixel_counts: Vec<f64> = recordings.values().map(|sums| sums.pixels).collect();
     let no_interval = check(&sizes).err();
     let interval = |figure: &dyn Fn(&Sums) -> (f64, f64), range| {
         let clusters: Vec<(f64, f64)> = recordings.values().map(figure).collect();
@@ -190,6 +191,7 @@ pub fn summarise(rows: &[&Row]) -> Option<Summary> {
             .filter(|_| has_d1)
             .map(|interval| interval.map(|bound| 100.0 * bound)),
         pooled_rmse_interval: interval(&|sums| (sums.squared_error, sums.pixels), Range::Positive)
+            .filter(|_| check(&pixel_counts).is_ok())
             .map(|interval| interval.map(f64::sqrt)),
     })
 }
@@ -342,6 +344,11 @@ mod tests {
         assert_eq!(unequal.no_interval, None, "5, 25 and 25 images");
         let unequal = summarise(&refs(&rows[22..52])).unwrap();
         assert_eq!(unequal.no_interval, Some(NoInterval::OneDominates));
+        // Equal in images but not in pixels.
+        let mut rows = rows;
+        rows[0].score.pixels = 1_000_000;
+        let unequal = summarise(&refs(&rows)).unwrap();
+        assert!(unequal.intervals.is_some() && unequal.pooled_rmse_interval.is_none());
     }
 
     #[test]

@@ -127,7 +127,9 @@ fn note_on(group: Group, summary: &Summary, interval: Option<Interval>) -> Strin
     match (interval, summary.no_interval) {
         (Some(Interval { low, high }), _) => format!("{name} {low:.3} to {high:.3} ({over})"),
         (None, Some(reason)) => format!("{name} none ({over}; {reason})"),
-        (None, None) => format!("{name} none"),
+        (None, None) => {
+            format!("{name} none ({over}; one of them has more than half of the pixels)")
+        }
     }
 }
 
