@@ -84,7 +84,7 @@ pub struct Request {
 
 /// An image and where its results go.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Job {
+pub struct ImageJob {
     /// The image.
     pub image: PathBuf,
     /// Relative to the output folder, with the image's own extension.
@@ -200,7 +200,7 @@ pub fn has_scale(meaning: OutputMeaning, camera: Option<StereoCamera>) -> bool {
 ///
 /// # Errors
 /// A folder has no images, or the results would lie among them.
-pub fn jobs(inputs: &[PathBuf], out: &Path) -> Result<Vec<Job>, CliError> {
+pub fn jobs(inputs: &[PathBuf], out: &Path) -> Result<Vec<ImageJob>, CliError> {
     let mut jobs = Vec::new();
     for input in inputs {
         if !input.is_dir() {
@@ -211,7 +211,7 @@ pub fn jobs(inputs: &[PathBuf], out: &Path) -> Result<Vec<Job>, CliError> {
                     input.display()
                 ))
             })?;
-            jobs.push(Job {
+            jobs.push(ImageJob {
                 image: input.clone(),
                 name: PathBuf::from(name),
             });
@@ -237,7 +237,7 @@ pub fn jobs(inputs: &[PathBuf], out: &Path) -> Result<Vec<Job>, CliError> {
         }
         for image in found {
             let name = image.strip_prefix(input).unwrap_or(&image).to_path_buf();
-            jobs.push(Job { image, name });
+            jobs.push(ImageJob { image, name });
         }
     }
     Ok(jobs)
@@ -248,8 +248,8 @@ pub fn jobs(inputs: &[PathBuf], out: &Path) -> Result<Vec<Job>, CliError> {
 ///
 /// # Errors
 /// Two would.
-pub fn refuse_collisions(jobs: &[Job], targets: &[Target]) -> Result<(), CliError> {
-    let mut taken: BTreeMap<String, &Job> = BTreeMap::new();
+pub fn refuse_collisions(jobs: &[ImageJob], targets: &[Target]) -> Result<(), CliError> {
+    let mut taken: BTreeMap<String, &ImageJob> = BTreeMap::new();
     for job in jobs {
         for target in targets {
             let name = output_name(&job.name, target.suffix());
@@ -286,7 +286,7 @@ pub struct Outcome {
 
 /// Predicts and writes all images. Failures are named on stderr.
 pub fn predict(
-    jobs: &[Job],
+    jobs: &[ImageJob],
     model: &mut Model,
     pool: &rayon::ThreadPool,
     writer: &Writer<'_>,
@@ -365,7 +365,7 @@ impl Writer<'_> {
     /// fit into 16 bits.
     fn write(
         &self,
-        job: &Job,
+        job: &ImageJob,
         plane: &Plane,
         size: (u32, u32),
     ) -> Result<(Vec<PathBuf>, usize), MapError> {
@@ -408,7 +408,7 @@ impl Writer<'_> {
     }
 
     /// Names the camera of the map, which is not the image's where the sizes differ; 0 is not known.
-    fn header(&self, job: &Job, map: &Plane, image_width: u32) -> DepthHeader {
+    fn header(&self, job: &ImageJob, map: &Plane, image_width: u32) -> DepthHeader {
         DepthHeader {
             source: self.source.clone(),
             axis: "camera-z".to_owned(),
@@ -439,8 +439,8 @@ impl Writer<'_> {
 mod tests {
     use super::*;
 
-    fn job(name: &str) -> Job {
-        Job {
+    fn job(name: &str) -> ImageJob {
+        ImageJob {
             image: PathBuf::from("in").join(name),
             name: PathBuf::from(name),
         }

@@ -17,7 +17,7 @@ use crate::{
         experiments::{self, Cast, Plan},
         journal::Journal,
         rows,
-        session::{self, Answers, Asked, FailureRow, Session},
+        run::{self, Answers, CueRun, FailureRow, Subject},
         sprites::{self, View},
         summary::Summary,
     },
@@ -103,7 +103,7 @@ pub(super) struct CuesArgs {
 
 pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
     if let Some(folder) = &args.render {
-        let summary = session::render(folder)?;
+        let summary = run::render(folder)?;
         print(shown(&summary, args.json)?)?;
         Notes::new(args.runtime.quiet).say(&format!(
             "figures and summary of {} are drawn anew; sheets of pictures stay",
@@ -149,7 +149,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
     let jobs = experiments::jobs(plan, &cast, &grounds)?;
     let runtime = args.runtime.resolve()?;
     files::check_writable(out)?;
-    let session = Session {
+    let cue_run = CueRun {
         set: &set,
         cast,
         backgrounds,
@@ -162,11 +162,11 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
     let mut notes = Notes::new(args.runtime.quiet);
     notes.say(&format!(
         "{} backgrounds, {} composites, {runtime}, device {}",
-        session.backgrounds.len(),
-        session.composites(),
+        cue_run.backgrounds.len(),
+        cue_run.composites(),
         args.runtime.device
     ));
-    let found = session.notes(args.horizon_row.is_some());
+    let found = cue_run.notes(args.horizon_row.is_some());
     found.iter().for_each(|note| notes.note(note));
     let open = |given: &NamedFile| {
         let NamedFile { name, file } = given;
@@ -176,7 +176,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
     let (mut all_rows, mut records, mut failures, mut journals) = (vec![], vec![], vec![], vec![]);
     for given in &models {
         let NamedFile { name, file } = given;
-        match ask(&session, open(given), file, args.runtime.device, &mut notes) {
+        match ask(&cue_run, open(given), file, args.runtime.device, &mut notes) {
             Ok(answers) => {
                 let outcome = answers.outcome;
                 if outcome.not_tried > 0 {
@@ -203,16 +203,16 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
             Err(error) => notes.fail(format!("model {name}: {}", error_chain(error.as_ref()))),
         }
     }
-    session.write_record(data, &records, &arguments)?;
+    cue_run.write_record(data, &records, &arguments)?;
     if !failures.is_empty() {
-        files::write_csv(&out.join(session::FAILURES), &failures)?;
+        files::write_csv(&out.join(run::FAILURES), &failures)?;
     }
     if all_rows.is_empty() {
         notes.fail("nothing could be measured, so there is no summary".to_owned());
         return Ok(FAILED);
     }
     notes.say("drawing figures and intervals ...");
-    let summary = session::write_results(out, &all_rows)?;
+    let summary = run::write_results(out, &all_rows)?;
     journals.into_iter().try_for_each(Journal::finish)?;
     print(shown(&summary, args.json)?)?;
     notes.say(&format!("results are in {}", out.display()));
@@ -220,7 +220,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
         notes.fail(format!(
             "{} composite(s) have no row; {} says why",
             failures.len(),
-            out.join(session::FAILURES).display()
+            out.join(run::FAILURES).display()
         ));
     }
     Ok(if notes.incomplete { FAILED } else { DONE })
@@ -228,27 +228,27 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
 
 /// Vets a model and asks it about all composites.
 fn ask(
-    session: &Session<'_>,
+    cue_run: &CueRun<'_>,
     model: Result<Model, ModelError>,
     file: &Path,
     device: Device,
     notes: &mut Notes,
 ) -> anyhow::Result<Answers> {
     let mut model = model?;
-    let samples = session.set.samples(Role::Test)?;
-    let vetting = vet(&mut model, Some((session.set.manifest.content, &samples)))?;
+    let samples = cue_run.set.samples(Role::Test)?;
+    let vetting = vet(&mut model, Some((cue_run.set.manifest.content, &samples)))?;
     vetting.notes.iter().for_each(|note| notes.note(note));
     let warnings = vetting.warnings;
     warnings
         .iter()
         .for_each(|warning| notes.warn(warning.clone()));
-    let asked = Asked {
+    let subject = Subject {
         model: &mut model,
         file,
         device: device.to_string(),
         warnings,
     };
-    let answers = session.ask(asked, |text| notes.say(text))?;
+    let answers = cue_run.ask(subject, |text| notes.say(text))?;
     notes.say(&format!(
         "{}: {:.1} s, of which compositing and measuring took {:.1} %",
         model.name,

@@ -205,7 +205,7 @@ fn highest_of(curves: &[Curve], measured: usize) -> Option<f64> {
         .iter()
         .take(measured)
         .flat_map(|curve| &curve.band)
-        .map(|ends| ends.1)
+        .map(|bounds| bounds.1)
         .fold(0.0, f64::max);
     (top > 0.0).then_some(1.05 * top)
 }

@@ -76,13 +76,28 @@ impl Journal {
             .map_err(|error| unwritable(&self.path, error))
     }
 
-    /// Removes the journal: its rows are in the results.
+    /// Removes the journal, whose rows are in the results, and those of other runs of the model, which
+    /// nothing can go on from any more.
     ///
     /// # Errors
-    /// It cannot be removed.
+    /// One cannot be removed.
     pub fn finish(self) -> Result<(), CueError> {
         drop(self.file);
-        Ok(files::remove(&self.path)?)
+        let name = |path: &Path| {
+            path.file_name()
+                .map(|name| name.to_string_lossy().into_owned())
+        };
+        let own = name(&self.path).unwrap_or_default();
+        let prefix = own.rsplit_once('-').map_or("", |(prefix, _)| prefix);
+        let folder = self.path.parent().unwrap_or(Path::new("."));
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            let other = name(&entry.path()).unwrap_or_default();
+            if other.len() == own.len() && other.rsplit_once('-').is_some_and(|(p, _)| p == prefix)
+            {
+                files::remove(&entry.path())?;
+            }
+        }
+        Ok(())
     }
 }
 

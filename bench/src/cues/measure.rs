@@ -130,7 +130,7 @@ pub fn predict_clean(
 
 /// What a model is asked about.
 #[derive(Clone, Copy)]
-pub struct Plan<'a> {
+pub struct Composites<'a> {
     /// The sprites.
     pub cast: &'a Cast,
     /// The pictures they are pasted into.
@@ -139,7 +139,7 @@ pub struct Plan<'a> {
     pub jobs: &'a [Job],
 }
 
-impl Plan<'_> {
+impl Composites<'_> {
     /// The composites of a job, as the keys of their rows.
     fn keys(&self, job: &Job) -> Vec<Key> {
         let background = &self.backgrounds[job.background].id;
@@ -187,13 +187,13 @@ fn by_key(rows: Vec<CueRow>) -> HashMap<Key, CueRow> {
 /// Only what `found` returns.
 pub fn run<E>(
     model: &mut Model,
-    plan: &Plan<'_>,
+    plan: &Composites<'_>,
     clean: &[Result<Plane, String>],
     pool: &rayon::ThreadPool,
     progress: &Progress,
     mut found: impl FnMut(&[CueRow]) -> Result<(), E>,
 ) -> Result<Outcome, E> {
-    let &Plan {
+    let &Composites {
         cast,
         backgrounds,
         jobs,

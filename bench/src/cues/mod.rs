@@ -5,7 +5,7 @@
 //! luminance contrast, height in the visual field. Any model that `bench` can run is asked about each
 //! composite ([`measure`]); what it says ([`reader`]) becomes one row each ([`rows`]), and rows alone
 //! make the statistics and words ([`summary`]) and the curves ([`curves`]). [`journal`] lets an
-//! interrupted run go on; [`sheets`] shows composites; [`session`] is one run.
+//! interrupted run go on; [`sheets`] shows composites; [`run`] is one run.
 //!
 //! Sprite depth is the median over what is opaque, eroded by 2 pixels; the same pixels of the
 //! clean background are its reference. Models without a scale are judged by relative measures.
@@ -21,7 +21,7 @@ pub mod journal;
 pub mod measure;
 pub mod reader;
 pub mod rows;
-pub mod session;
+pub mod run;
 pub mod sheets;
 pub mod sprites;
 pub mod summary;

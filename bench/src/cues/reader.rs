@@ -151,17 +151,17 @@ impl Reader {
     }
 }
 
-/// The two samples around a place of the larger grid and the weight of the second (PROTOCOL 3.3).
+/// The two samples around a position of the larger grid and the weight of the second (PROTOCOL 3.3).
 fn neighbours(index: usize, scale: f64, length: usize) -> (usize, usize, f32) {
-    let place = (index as f64 + 0.5) * scale - 0.5;
-    if place < 0.0 {
+    let position = (index as f64 + 0.5) * scale - 0.5;
+    if position < 0.0 {
         return (0, 0, 0.0);
     }
-    let low = (place as usize).min(length - 1);
+    let low = (position as usize).min(length - 1);
     if low == length - 1 {
         return (low, low, 0.0);
     }
-    (low, low + 1, (place - place.floor()) as f32)
+    (low, low + 1, (position - position.floor()) as f32)
 }
 
 #[cfg(test)]

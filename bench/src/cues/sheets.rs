@@ -9,7 +9,7 @@ use strat_store::{raster::Plane, resize};
 use super::{
     curves::Figure,
     experiments::Job,
-    measure::{Plan, compose},
+    measure::{Composites, compose},
     reader::Reader,
     rows::{Condition, Experiment, Unit},
     summary::distinct,
@@ -41,18 +41,18 @@ struct Shown {
 /// The model fails on a composite.
 pub fn sheets(
     model: &mut Model,
-    plan: &Plan<'_>,
+    plan: &Composites<'_>,
     clean: &[Result<Plane, String>],
 ) -> Result<Vec<Figure>, ModelError> {
-    let &Plan {
+    let &Composites {
         cast,
         backgrounds,
         jobs,
     } = plan;
-    let Some((place, Ok(clean))) = clean.iter().enumerate().find(|(_, map)| map.is_ok()) else {
+    let Some((first, Ok(clean))) = clean.iter().enumerate().find(|(_, map)| map.is_ok()) else {
         return Ok(Vec::new());
     };
-    let background = &backgrounds[place];
+    let background = &backgrounds[first];
     let reader = Reader::new(model, background, clean);
     let unit = reader.unit();
     let model_name = model.name.clone();
@@ -83,7 +83,7 @@ pub fn sheets(
     };
     let here = |experiment: Experiment| {
         jobs.iter()
-            .filter(move |job| job.background == place && job.experiment == experiment)
+            .filter(move |job| job.background == first && job.experiment == experiment)
     };
     let name_of = |job: &Job| {
         let last = job.composites.first().and_then(|(_, pastes)| pastes.last());

@@ -83,8 +83,8 @@ pub fn synthesize_right(left: &RgbImage, disparity_fraction: &Plane) -> RgbImage
     };
     RgbImage::from_fn(width, height, |x, y| {
         let offset = disparity_fraction.row(y as usize)[x as usize] * width as f32;
-        let place = (x as f32 + offset).clamp(-1.0, width as f32);
-        let (low, share) = (place.floor(), place - place.floor());
+        let from = (x as f32 + offset).clamp(-1.0, width as f32);
+        let (low, share) = (from.floor(), from - from.floor());
         Rgb([0, 1, 2].map(|channel| {
             let (a, b) = (tap(low, y, channel), tap(low + 1.0, y, channel));
             (a + share * (b - a)).round() as u8

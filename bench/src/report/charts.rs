@@ -32,16 +32,16 @@ fn axis(metric: Metric) -> String {
 /// The figures of a section of table 3.1 or 3.3 with their intervals, a diagram per metric.
 pub(super) fn of_section(table: &Table, section: &Section) -> Vec<String> {
     let drawn = DRAWN.iter().filter_map(|metric| {
-        let place = table
+        let index = table
             .columns()
             .iter()
             .position(|column| column.key == metric.name())?;
         let mark = |line: &Line| {
-            let cell = line.cells.get(place)?;
+            let cell = line.cells.get(index)?;
             Some(Mark {
                 label: line.cells.first()?.text.clone(),
                 value: cell.value?,
-                interval: cell.interval.map(|ends| (ends.low, ends.high)),
+                interval: cell.interval.map(|bounds| (bounds.low, bounds.high)),
                 published: !line.measured,
             })
         };
@@ -75,7 +75,7 @@ pub(super) fn of_groups(table: &Table) -> Vec<String> {
                     Some(Mark {
                         label: label.to_owned(),
                         value: cell.value?,
-                        interval: cell.interval.map(|ends| (ends.low, ends.high)),
+                        interval: cell.interval.map(|bounds| (bounds.low, bounds.high)),
                         published: published.is_some(),
                     })
                 })
@@ -127,7 +127,8 @@ pub(super) fn of_distances(found: &[AtDistance]) -> Vec<String> {
                 ..Curve::default()
             };
             for at in found.iter().filter(|at| at.model == model) {
-                let Some((above, end)) = at.group.distance_m().filter(|ends| ends.1.is_finite())
+                let Some((above, end)) =
+                    at.group.distance_m().filter(|bounds| bounds.1.is_finite())
                 else {
                     continue;
                 };
@@ -136,7 +137,7 @@ pub(super) fn of_distances(found: &[AtDistance]) -> Vec<String> {
                 let interval = at.summary.intervals.map(|all| all[metric as usize]);
                 curve
                     .band
-                    .push(interval.map_or((mean, mean), |ends| (ends.low, ends.high)));
+                    .push(interval.map_or((mean, mean), |bounds| (bounds.low, bounds.high)));
             }
             curve
         };
@@ -167,7 +168,7 @@ pub(super) fn of_images(rows: &[Row], protocol: &str) -> Result<String, RowsErro
                 .map(|row| row.score.metrics.abs_rel)
                 .collect();
             errors.sort_by(f64::total_cmp);
-            let share = |place: usize| 100.0 * (place as f64 + 0.5) / errors.len() as f64;
+            let share = |index: usize| 100.0 * (index as f64 + 0.5) / errors.len() as f64;
             Curve {
                 label: model.context().model.clone(),
                 points: errors

@@ -98,13 +98,13 @@ pub fn collect(folder: &Path) -> Result<Collected, ReportError> {
     let mut collected = Collected::default();
     visit(folder, 0, &mut collected);
     // The order of the thesis.
-    let place = |set: &DataSet| {
+    let rank = |set: &DataSet| {
         let split = set.rows.first().map(|row| row.context.split.as_str());
         split.and_then(|split| ["kitti", "eigen"].iter().position(|known| split == *known))
     };
     collected
         .data_sets
-        .sort_by_key(|set| place(set).unwrap_or(usize::MAX));
+        .sort_by_key(|set| rank(set).unwrap_or(usize::MAX));
     let Collected {
         data_sets,
         latency,

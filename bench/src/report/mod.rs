@@ -13,9 +13,16 @@
 //! Not here: choosing what is best or drawing maps; `bench --extremes N` makes the pictures of the
 //! best and worst images.
 
+mod builder;
 mod charts;
 mod collect;
+mod cues;
+mod data_set;
+mod html;
+mod images;
+mod origin;
 mod page;
+mod speed;
 
 pub use collect::{Collected, CueResults, DataSet, ReportError, Run, collect};
 pub use page::{Rendered, render};

@@ -615,7 +615,6 @@ fn an_interrupted_run_goes_on() {
     assert_eq!(journals(), Vec::<PathBuf>::new());
 
     // Another description is another run: nothing is taken over.
-    fs::create_dir_all(world.path("out/cues.csv.d")).unwrap();
     fs::remove_file(world.path("out/cues.csv")).unwrap();
     fs::create_dir_all(world.path("out/cues.csv")).unwrap();
     world.cues(&["row"], &more).code(1);
@@ -624,6 +623,11 @@ fn an_interrupted_run_goes_on() {
     let ran = world.cues(&["row"], &more);
     ran.code(0);
     assert!(!ran.err.contains("were measured before"), "{}", ran.err);
+    assert_eq!(
+        journals(),
+        Vec::<PathBuf>::new(),
+        "nor that of the other run"
+    );
 }
 
 /// The number of threads changes nothing.

@@ -20,7 +20,7 @@ use super::{
     error::CueError,
     experiments::{Cast, Job},
     journal::Journal,
-    measure::{self, Failure, Outcome, Plan},
+    measure::{self, Composites, Failure, Outcome},
     rows::{self, CueRow},
     sheets,
     summary::{self, Summary, distinct},
@@ -44,7 +44,7 @@ const CHART_ZOOM: f32 = 2.0;
 const SHEET_ZOOM: f32 = 1.0;
 
 /// Everything that is the same for all models of a run.
-pub struct Session<'a> {
+pub struct CueRun<'a> {
     /// The prepared set.
     pub set: &'a PreparedSet,
     /// The sprites.
@@ -134,7 +134,7 @@ pub struct Answers {
 }
 
 /// What is known of a model besides its file.
-pub struct Asked<'a> {
+pub struct Subject<'a> {
     /// The model.
     pub model: &'a mut Model,
     /// Its file.
@@ -145,7 +145,7 @@ pub struct Asked<'a> {
     pub warnings: Vec<String>,
 }
 
-impl Session<'_> {
+impl CueRun<'_> {
     /// Number of composites.
     #[must_use]
     pub fn composites(&self) -> usize {
@@ -187,8 +187,8 @@ impl Session<'_> {
         notes
     }
 
-    fn plan(&self) -> Plan<'_> {
-        Plan {
+    fn plan(&self) -> Composites<'_> {
+        Composites {
             cast: &self.cast,
             backgrounds: &self.backgrounds,
             jobs: &self.jobs,
@@ -224,13 +224,13 @@ impl Session<'_> {
     ///
     /// # Errors
     /// The model fails on every background, or results cannot be kept.
-    pub fn ask(&self, asked: Asked<'_>, note: impl Fn(&str)) -> Result<Answers, CueError> {
-        let Asked {
+    pub fn ask(&self, subject: Subject<'_>, note: impl Fn(&str)) -> Result<Answers, CueError> {
+        let Subject {
             model,
             file,
             device,
             warnings,
-        } = asked;
+        } = subject;
         let plan = self.plan();
         let name = model.name.clone();
         let (mut journal, found) = Journal::open(self.out, &name, &self.identity(model)?)?;
@@ -252,7 +252,7 @@ impl Session<'_> {
             human::duration(to_do as f64 / rate)
         ));
         let progress = Progress::new(&name, to_do as u64, "composites", self.quiet);
-        let rest = Plan {
+        let rest = Composites {
             jobs: &left,
             ..plan
         };
