@@ -95,7 +95,7 @@ pub struct ImageJob {
 ///
 /// # Errors
 /// Images of several widths: one focal length in pixels is not that of all of them.
-pub fn one_width(jobs: &[Job]) -> Result<Option<u32>, CliError> {
+pub fn one_width(jobs: &[ImageJob]) -> Result<Option<u32>, CliError> {
     let mut first: Option<(&Path, u32)> = None;
     for job in jobs {
         // What cannot be read costs itself only, later.

@@ -15,7 +15,7 @@ use image::{Rgb, RgbImage};
 use strat_store::{raster::Plane, resize};
 
 use super::{
-    colour::{NOTHING, brightest_of, cividis, magma, percentile_95},
+    colour::{brightest_of, cividis, magma, percentile_95},
     comparison::{WORST_ERROR, widened},
     legend::{Scale, ScaleUnit, coloured},
     sheet::{Sheet, Tile, tile_size},
@@ -30,6 +30,8 @@ const PICTURE_QUALITY: u8 = 88;
 const WORST_DIFFERENCE: f32 = 64.0;
 /// Rows of the strip below an error map, of which the first two are black.
 const STRIP: u32 = 8;
+/// What was not scored, and what is missing: lighter than the grey in the middle of cividis.
+const NOTHING: Rgb<u8> = Rgb([222; 3]);
 /// Images on one sheet.
 pub const PER_SHEET: usize = 4;
 

@@ -90,7 +90,7 @@ fn occlusions() -> Vec<CueRow> {
         for step in 1..=10 {
             let height_px = 160.0 - 120.0 * f64::from(step - 1) / 9.0;
             let effect = if step <= 5 { 0.06 } else { -0.08 };
-            let noise = 0.001 * f64::from(background);
+            let noise = 0.0012 * f64::from(background);
             for (condition, factor) in [(Condition::Same, 1.0), (Condition::Contrast, 1.5)] {
                 rows.push(CueRow {
                     experiment: Experiment::Occlusion,
@@ -119,11 +119,11 @@ fn sizes_are_judged_apart_and_share_a_line_with_their_like() {
     assert_eq!(occlusion.len(), 10);
     for (index, finding) in occlusion.iter().enumerate() {
         let (effect, verdict) = if index < 5 {
-            (0.0625, Verdict::Yes)
+            (0.063, Verdict::Yes)
         } else {
-            (-0.0775, Verdict::Reversed)
+            (-0.077, Verdict::Reversed)
         };
-        // 0.001 times the mean of 0 to 5 comes on top.
+        // 0.0012 times the mean of 0 to 5 comes on top.
         assert!(
             (finding.effect.unwrap() - effect).abs() < 1e-9,
             "{finding:?}"
@@ -152,11 +152,11 @@ fn contrast_is_judged_with_the_sign_of_the_step_and_says_what_to_cite() {
         .iter()
         .filter(|one| one.cue.starts_with("luminance"));
     for (index, finding) in contrast.enumerate() {
-        // Steps beyond 0.3 m: (0.06 + n) and (0.09 + n) of 10 m, where n is 0.0025 in the mean.
+        // Steps beyond 0.3 m: (0.06 + n) and (0.09 + n) of 10 m, where n is 0.003 in the mean.
         let (growth, verdict) = if index < 5 {
-            (0.3 / (0.6 + 0.3 + 0.025), Verdict::Yes)
+            (0.3 / (0.6 + 0.3 + 0.03), Verdict::Yes)
         } else {
-            (-0.4 / (0.8 - 0.3 - 0.025), Verdict::Reversed)
+            (-0.4 / (0.8 - 0.3 - 0.03), Verdict::Reversed)
         };
         assert!(
             (finding.effect.unwrap() - growth).abs() < 1e-9,
