@@ -352,7 +352,7 @@ fn measure(
     let mut originals = Vec::new();
     for source in of_raw.chain(scenes).take(MEASURED) {
         let bytes = source.read()?;
-        // A damaged frame is `prep verify`'s to tell of; here it is only no measure.
+        // A damaged frame is reported by `prep verify`; it only cannot be measured on.
         if image_files::decode_rgb(&bytes, "").is_ok() {
             originals.push(bytes);
         }

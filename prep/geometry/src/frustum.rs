@@ -1,7 +1,7 @@
 //! Which points of a scan may fall into an image, decided in single precision for many at once.
 //!
 //! Five of six points of a scan lie beside the image, so most of the work is to pass them over. What
-//! is passed over here is outside for certain; all others are left to the exact projection, so its
+//! is passed over here is certainly outside; all others are left to the exact projection, so its
 //! results do not change.
 
 use std::ops::RangeInclusive;

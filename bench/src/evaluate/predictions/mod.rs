@@ -1,6 +1,9 @@
 //! Predictions in files: read ([`SavedPredictions`]) and written ([`PredictionWriter`]).
 
+mod names;
 mod read;
+#[cfg(test)]
+mod tests;
 mod write;
 
 pub use read::{FOLDER_DESCRIPTION, SavedDescription, SavedError, SavedPredictions};

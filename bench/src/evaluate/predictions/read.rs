@@ -1,16 +1,17 @@
 //! Predictions that some program has saved, evaluated without its model.
 //!
-//! Three forms: a NumPy array of all maps (`.npy`, as monodepth and monodepth2 write them, or the
-//! one of an `.npz`), or a folder with a file for each image (16-bit PNG, EXR or `.npy`). What the
-//! numbers are is said by a small YAML file ([`SavedDescription`]), never guessed. An array says
-//! nothing about whose maps they are: `NAME.ids.txt` beside it lists the images, one a line;
-//! without it there must be as many maps as the split has test images, in published order, or as
-//! many as the prepared set has, in its order.
+//! Four forms: a NumPy array of all maps (`.npy`, as monodepth and monodepth2 write them, or the
+//! one of an `.npz`), an `.npz` with an array for each image under its id, as `prep export` writes it,
+//! or a folder with a file for each image (16-bit PNG, EXR or `.npy`). What the numbers are is said by a
+//! small YAML file ([`SavedDescription`]), never guessed. An array of all says nothing about whose maps
+//! they are: `NAME.ids.txt` beside it lists the images, one a line, also in the forms of the published
+//! lists; without it there must be as many maps as the split has test images, in published order, or
+//! as many as the prepared set has, in its order.
 //!
 //! Not here: resizing and scoring, which are those of any model ([`crate::evaluate`]).
 
 use std::{
-    collections::HashMap,
+    collections::{HashMap, HashSet},
     fs::File,
     io::Read as _,
     path::{Path, PathBuf},
@@ -25,13 +26,17 @@ use strat_store::{
     set::{Content, Sample},
 };
 
+use super::names::{id_of_line, stems_of};
 use crate::model::{Implausible, Sigmoid, ValueEncoding, plausible};
 
 /// Description of a folder, in the folder.
 pub const FOLDER_DESCRIPTION: &str = "predictions.yaml";
 
-/// Endings of the files of a folder, in the order in which they are looked for.
-const ENDINGS: [&str; 3] = ["png", "exr", "npy"];
+/// Extensions of the files of a folder.
+const EXTENSIONS: [&str; 3] = ["png", "exr", "npy"];
+
+/// Extensions of files that other programs write beside these and that are not read.
+const FOREIGN_EXTENSIONS: [&str; 4] = ["pfm", "npz", "tif", "tiff"];
 
 /// What saved numbers are; the YAML file beside them holds exactly this.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,7 +50,7 @@ pub struct SavedDescription {
     /// Depth in metres is this many times the depth that the numbers say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<f64>,
-    /// A number of a PNG is its 16-bit value divided by this; KITTI's own files have 256.
+    /// A 16-bit integer, of a PNG or an array, is divided by this; KITTI's own files have 256.
     #[serde(default = "kitti_png", skip_serializing_if = "is_kitti_png")]
     pub png_divisor: f64,
     /// Maps that are as large as their images and yet of another aspect show the whole image,
@@ -166,6 +171,8 @@ enum Maps {
         planes: Mutex<npy::Planes>,
         indices: HashMap<String, usize>,
     },
+    /// Arrays of an `.npz`, one for each image, by their names without `.npy`.
+    Members(HashMap<String, String>),
     Files(HashMap<String, PathBuf>),
 }
 
@@ -206,7 +213,18 @@ impl SavedPredictions {
             }
         });
         checked.map_err(|reason| unusable(&yaml, reason))?;
+        let members = match description.array {
+            None => members_of(path, samples)?,
+            Some(_) => None,
+        };
         let (maps, blake3, images) = match bytes {
+            Some(_) if members.is_some() => {
+                let members = members.unwrap_or_default();
+                let images = samples.iter().map(|sample| sample.id.as_str());
+                let images: Vec<&str> = images.filter(|id| members.contains_key(*id)).collect();
+                let images = images.join("\n");
+                (Maps::Members(members), files::blake3_file(path)?, images)
+            }
             Some(file) => {
                 let planes = array(path, file, description.array.as_deref())?;
                 let ids = ids_of(path, planes.count, content, samples)?;
@@ -253,13 +271,12 @@ impl SavedPredictions {
             Maps::Array { planes, indices } => {
                 let index = *indices.get(image).ok_or_else(missing)?;
                 let mut planes = planes.lock().unwrap_or_else(PoisonError::into_inner);
-                let data = planes.plane(index).map_err(|r| unusable(&self.path, r))?;
-                let plane = Plane {
-                    width: planes.width,
-                    height: planes.height,
-                    data,
-                };
-                (&self.path, plane)
+                (&self.path, self.plane(&self.path, &mut planes, index)?)
+            }
+            Maps::Members(members) => {
+                let member = members.get(image).ok_or_else(missing)?;
+                let mut planes = array(&self.path, open(&self.path)?, Some(member))?;
+                (&self.path, self.only_plane(&self.path, &mut planes)?)
             }
             Maps::Files(files) => {
                 let path = files.get(image).ok_or_else(missing)?;
@@ -299,12 +316,46 @@ impl SavedPredictions {
             plausible::check_saved((plane.width, plane.height), image).map_err(|reason| {
                 let path = match &self.maps {
                     Maps::Files(files) => files.get(&sample.id),
-                    Maps::Array { .. } => None,
+                    Maps::Array { .. } | Maps::Members(_) => None,
                 };
                 self.implausible(path.unwrap_or(&self.path), reason)
             })?;
         }
         Ok(plane)
+    }
+
+    /// A map of an array; 16-bit integers are divided as those of a PNG.
+    fn plane(
+        &self,
+        path: &Path,
+        planes: &mut npy::Planes,
+        index: usize,
+    ) -> Result<Plane, SavedError> {
+        let mut data = planes
+            .plane(index)
+            .map_err(|reason| unusable(path, reason))?;
+        if planes.are_integers {
+            let divisor = self.description.png_divisor;
+            data.iter_mut()
+                .for_each(|value| *value = (f64::from(*value) / divisor) as f32);
+        }
+        Ok(Plane {
+            width: planes.width,
+            height: planes.height,
+            data,
+        })
+    }
+
+    /// The map of an array of one.
+    fn only_plane(&self, path: &Path, planes: &mut npy::Planes) -> Result<Plane, SavedError> {
+        if planes.count == 1 {
+            return self.plane(path, planes, 0);
+        }
+        let reason = format!(
+            "it holds {} maps, but is to be that of one image",
+            planes.count
+        );
+        Err(unusable(path, reason))
     }
 
     fn implausible(&self, path: &Path, reason: Implausible) -> SavedError {
@@ -318,18 +369,7 @@ impl SavedPredictions {
         let ending = path.extension().and_then(|ending| ending.to_str());
         if ending == Some("npy") {
             let mut planes = array(path, open(path)?, None)?;
-            if planes.count != 1 {
-                let reason = format!(
-                    "it holds {} maps, but is to be that of one image",
-                    planes.count
-                );
-                return Err(unusable(path, reason));
-            }
-            return Ok(Plane {
-                width: planes.width,
-                height: planes.height,
-                data: planes.plane(0).map_err(|reason| unusable(path, reason))?,
-            });
+            return self.only_plane(path, &mut planes);
         }
         let bytes = files::read(path)?;
         if ending == Some("exr") {
@@ -410,6 +450,32 @@ fn array(path: &Path, file: File, member: Option<&str>) -> Result<npy::Planes, S
     npy::Planes::new(unpacked).map_err(wrong)
 }
 
+/// The arrays of an `.npz` that has one for each image, named by its id as `prep export` does; `None`
+/// for everything else.
+fn members_of(
+    path: &Path,
+    samples: &[Sample],
+) -> Result<Option<HashMap<String, String>>, SavedError> {
+    if path.extension().is_none_or(|extension| extension != "npz") {
+        return Ok(None);
+    }
+    // What is wrong with an archive is said where its array is read.
+    let Ok(archive) = zip::ZipArchive::new(open(path)?) else {
+        return Ok(None);
+    };
+    let names = archive.file_names().flatten();
+    let names: HashSet<String> = names
+        .filter_map(|name| Some(name.strip_suffix(".npy")?.to_owned()))
+        .collect();
+    let members = samples.iter().filter_map(|sample| {
+        let mut stems = stems_of(&sample.id).into_iter();
+        let member = stems.find(|stem| names.contains(stem))?;
+        Some((sample.id.clone(), member))
+    });
+    let members: HashMap<String, String> = members.collect();
+    Ok(Some(members).filter(|members| !members.is_empty()))
+}
+
 /// Where the images of an array are listed.
 fn ids_path(path: &Path) -> PathBuf {
     path.with_extension("ids.txt")
@@ -426,7 +492,14 @@ fn ids_of(
     if list.is_file() {
         let text = String::from_utf8(files::read(&list)?);
         let text = text.map_err(|_| unusable(&list, "it is no text"))?;
-        let ids: Vec<String> = text.lines().map(|line| line.trim().to_owned()).collect();
+        // Editors begin files with a byte order mark and end them with empty lines.
+        let text = text.trim_start_matches('\u{feff}').trim_end();
+        let known: HashSet<&str> = samples.iter().map(|sample| sample.id.as_str()).collect();
+        let id = |line: &str| match known.contains(line.trim()) {
+            true => line.trim().to_owned(),
+            false => id_of_line(line),
+        };
+        let ids: Vec<String> = text.lines().map(id).collect();
         if ids.len() != count {
             let reason = format!(
                 "it names {} images, but the array has {count} maps",
@@ -464,8 +537,8 @@ fn indices(path: &Path, ids: Vec<String>) -> Result<HashMap<String, usize>, Save
     }
 }
 
-/// The files of a folder by image: `drive/frame.png`, `drive_frame.png` or, where no other image
-/// is called the same, `frame.png`.
+/// The files of a folder by image: `drive/frame.png` or as other programs call it ([`stems_of`]), or,
+/// where no other image is called the same, `frame.png`.
 fn files_of(folder: &Path, samples: &[Sample]) -> Result<HashMap<String, PathBuf>, SavedError> {
     let mut last_parts: HashMap<&str, usize> = HashMap::new();
     fn last(id: &str) -> &str {
@@ -477,17 +550,13 @@ fn files_of(folder: &Path, samples: &[Sample]) -> Result<HashMap<String, PathBuf
     let mut found = HashMap::new();
     for sample in samples {
         let alone = last_parts.get(last(&sample.id)) == Some(&1);
-        let stems = [
-            Some(sample.id.clone()),
-            Some(sample.id.replace('/', "_")),
-            alone.then(|| last(&sample.id).to_owned()),
-        ];
-        let mut candidates = stems
-            .into_iter()
-            .flatten()
-            .flat_map(|stem| ENDINGS.map(|ending| folder.join(format!("{stem}.{ending}"))));
-        if let Some(file) = candidates.find(|file| file.is_file()) {
-            found.insert(sample.id.clone(), file);
+        let mut stems = stems_of(&sample.id);
+        stems.extend(alone.then(|| last(&sample.id).to_owned()));
+        for stem in stems {
+            if let Some(file) = file_of(folder, &stem)? {
+                found.insert(sample.id.clone(), file);
+                break;
+            }
         }
     }
     match samples.first() {
@@ -500,6 +569,30 @@ fn files_of(folder: &Path, samples: &[Sample]) -> Result<HashMap<String, PathBuf
             ),
         )),
         _ => Ok(found),
+    }
+}
+
+/// The only file with a stem. A picture beside the numbers it shows is not told from them by name.
+fn file_of(folder: &Path, stem: &str) -> Result<Option<PathBuf>, SavedError> {
+    let path = |extension: &&str| folder.join(format!("{stem}.{extension}"));
+    let known = EXTENSIONS.iter().map(path).filter(|file| file.is_file());
+    let known: Vec<PathBuf> = known.collect();
+    let Some(first) = known.first() else {
+        return Ok(None);
+    };
+    let foreign = FOREIGN_EXTENSIONS.iter().map(path);
+    let other = known.get(1).cloned();
+    match other.or_else(|| foreign.into_iter().find(|file| file.is_file())) {
+        Some(other) => Err(unusable(
+            folder,
+            format!(
+                "it has {} and {} for one image, and which of them holds the numbers is not clear; leave \
+                 one of them",
+                first.display(),
+                other.display()
+            ),
+        )),
+        None => Ok(Some(first.clone())),
     }
 }
 

@@ -3,34 +3,19 @@
 //! `predictions.npy` is `[images, height, width]`, little-endian `f32`, row-major: disparity of
 //! the left image as a fraction of image width at network size, before any resizing, floor or
 //! clip. `predictions.ids.txt` names the images, one per line in the same order, and
-//! `predictions.yaml` says what the numbers are: what [`crate::evaluate::predictions`] reads. Images that failed
-//! are in none.
+//! `predictions.yaml` says what the numbers are: what [`crate::evaluate::predictions`] reads. Images
+//! that failed are in none.
 
-use std::{
-    io::{self, BufWriter, Seek, SeekFrom, Write},
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use strat_onnx::metadata::OutputMeaning;
-use strat_store::{files, raster::Plane};
-use tempfile::NamedTempFile;
+use strat_store::{files, npy, raster::Plane};
 
 use crate::evaluate::predictions::SavedDescription;
-
-/// Bytes of the array's header; fixed, so that it can be rewritten when the count is known.
-const HEADER_BYTES: usize = 128;
 
 /// Why predictions could not be saved.
 #[derive(Debug, thiserror::Error)]
 pub enum SaveError {
-    /// The system refused.
-    #[error("predictions cannot be written to {}: {reason}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// The system's answer.
-        reason: io::Error,
-    },
     /// The model gives depth, not disparity.
     #[error(
         "the model gives depth in metres, but predictions are saved as disparity fractions; \
@@ -47,7 +32,7 @@ pub enum SaveError {
         /// Its height.
         height: usize,
     },
-    /// The list of ids could not be written.
+    /// A file could not be written.
     #[error(transparent)]
     Store(#[from] strat_store::Error),
 }
@@ -55,11 +40,8 @@ pub enum SaveError {
 /// Writes an array of which the length is known only at the end.
 pub struct PredictionWriter {
     path: PathBuf,
-    file: BufWriter<NamedTempFile>,
-    /// Width and height of every prediction, from the first one on.
-    size: Option<(usize, usize)>,
+    array: npy::PlaneWriter,
     ids: String,
-    count: usize,
 }
 
 impl PredictionWriter {
@@ -68,23 +50,10 @@ impl PredictionWriter {
     /// # Errors
     /// The folder cannot be written to.
     pub fn create(path: &Path) -> Result<Self, SaveError> {
-        let begin = || -> io::Result<BufWriter<NamedTempFile>> {
-            let folder = path.parent().unwrap_or(Path::new("."));
-            let mut file = tempfile::Builder::new()
-                .prefix(files::UNFINISHED_PREFIX)
-                .tempfile_in(folder)?;
-            file.write_all(&[0; HEADER_BYTES])?;
-            Ok(BufWriter::new(file))
-        };
         Ok(Self {
-            file: begin().map_err(|reason| SaveError::Io {
-                path: path.to_path_buf(),
-                reason,
-            })?,
             path: path.to_path_buf(),
-            size: None,
+            array: npy::PlaneWriter::create(path)?,
             ids: String::new(),
-            count: 0,
         })
     }
 
@@ -99,24 +68,20 @@ impl PredictionWriter {
     ) -> Result<(), SaveError> {
         let disparity_fraction = disparity_fraction.ok_or(SaveError::NotDisparity)?;
         let (width, height) = (disparity_fraction.width, disparity_fraction.height);
-        if *self.size.get_or_insert((width, height)) != (width, height) {
+        if self
+            .array
+            .size()
+            .is_some_and(|size| size != (width, height))
+        {
             return Err(SaveError::SizeChanged {
                 image: image.to_owned(),
                 width,
                 height,
             });
         }
-        for value in &disparity_fraction.data {
-            self.file
-                .write_all(&value.to_le_bytes())
-                .map_err(|reason| SaveError::Io {
-                    path: self.path.clone(),
-                    reason,
-                })?;
-        }
+        self.array.push(disparity_fraction)?;
         self.ids.push_str(image);
         self.ids.push('\n');
-        self.count += 1;
         Ok(())
     }
 
@@ -125,45 +90,14 @@ impl PredictionWriter {
     /// # Errors
     /// The files cannot be written.
     pub fn finish(self) -> Result<(), SaveError> {
-        let Self {
-            path,
-            file,
-            size,
-            ids,
-            count,
-        } = self;
-        let (width, height) = size.unwrap_or_default();
-        let end = || -> io::Result<()> {
-            let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
-            file.seek(SeekFrom::Start(0))?;
-            file.write_all(&header(count, height, width))?;
-            file.persist(&path).map_err(|error| error.error)?;
-            Ok(())
-        };
-        end().map_err(|reason| SaveError::Io {
-            path: path.clone(),
-            reason,
-        })?;
+        let Self { path, array, ids } = self;
+        array.finish()?;
         files::write_atomic(&path.with_extension("ids.txt"), ids.as_bytes())?;
         let description = SavedDescription::plain(OutputMeaning::DisparityFraction);
         let text = strat_store::yaml::to_string(&description)?;
         files::write_atomic(&path.with_extension("yaml"), text.as_bytes())?;
         Ok(())
     }
-}
-
-/// Header of NumPy's format 1.0, padded with spaces to a fixed length.
-fn header(count: usize, height: usize, width: usize) -> Vec<u8> {
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    let length = HEADER_BYTES - bytes.len() - 2;
-    bytes.extend((length as u16).to_le_bytes());
-    let text = format!(
-        "{{'descr': '<f4', 'fortran_order': False, 'shape': ({count}, {height}, {width}), }}"
-    );
-    bytes.extend(text.bytes());
-    bytes.resize(HEADER_BYTES - 1, b' ');
-    bytes.push(b'\n');
-    bytes
 }
 
 #[cfg(test)]

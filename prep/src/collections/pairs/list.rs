@@ -250,7 +250,7 @@ fn parse_row(
     })
 }
 
-/// The path of an image without its ending and without what leads out of a folder.
+/// The path of an image without its extension and without what leads out of a folder.
 fn id_of(left: &str) -> String {
     let path = Path::new(left).with_extension("");
     let parts = path.components().filter_map(|part| match part {
