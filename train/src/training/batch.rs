@@ -56,13 +56,13 @@ impl Replica<'_> {
     ) -> BatchGradients {
         let home = home.clone().inner();
         let count = self.discriminators.len();
-        let mut pass =
+        let (mut pass, shown) =
             BatchPass::forward(context, &self.generator, batch, index, count, self.device);
         let mut of_discriminators = Vec::new();
-        for (number, discriminator) in self.discriminators.iter().enumerate() {
-            let gradients = pass.discriminator_gradients(number, discriminator);
+        for (discriminator, (reals, fakes)) in self.discriminators.iter().zip(shown) {
+            let gradients = pass.discriminator_gradients(reals, &fakes, discriminator);
             of_discriminators.push(gradients.to_device(&home, discriminator));
-            pass.add_adversarial_term(number, discriminator);
+            pass.add_adversarial_term(fakes, discriminator);
         }
         let (gradients, report) = pass.finish(&self.generator);
         BatchGradients {
@@ -73,19 +73,26 @@ impl Replica<'_> {
     }
 }
 
+/// Synthesised images for one of the discriminators.
+pub(super) struct Fakes {
+    /// Which discriminator.
+    number: usize,
+    images: Tensor<4>,
+}
+
 /// A batch between the generator's forward pass and its backward pass.
 pub(super) struct BatchPass<'a> {
     context: &'a StepContext<'a>,
     /// Number of the batch within its step.
     index: usize,
-    /// Real and synthesised images for each discriminator.
-    shown: Vec<(Tensor<4>, Tensor<4>)>,
+    discriminators: usize,
     total: Tensor<1>,
     report: StepReport,
 }
 
 impl<'a> BatchPass<'a> {
-    /// Runs the generator and the stereo terms, and synthesises what `discriminators` are shown.
+    /// Runs the generator and the stereo terms, and makes what each of the `discriminators` is
+    /// shown: real and synthesised images.
     pub fn forward(
         context: &'a StepContext<'a>,
         generator: &Generator,
@@ -93,7 +100,7 @@ impl<'a> BatchPass<'a> {
         index: usize,
         discriminators: usize,
         device: &Device,
-    ) -> Self {
+    ) -> (Self, Vec<(Tensor<4>, Fakes)>) {
         let share = context.share;
         let size = context.config.input.size();
         let left = to_tensor(batch.left, size, device);
@@ -107,7 +114,7 @@ impl<'a> BatchPass<'a> {
             ..StepReport::default()
         };
         report.terms.add(&terms.values(), share);
-        let shown = match discriminators {
+        let views = match discriminators {
             0 => Vec::new(),
             count => {
                 let [disparity, ..] = disparities;
@@ -123,51 +130,50 @@ impl<'a> BatchPass<'a> {
                 }
             }
         };
-        Self {
+        let shown = views.into_iter().enumerate();
+        let shown = shown.map(|(number, (reals, images))| (reals, Fakes { number, images }));
+        let pass = Self {
             context,
             index,
-            shown,
+            discriminators,
             total: terms.total,
             report,
-        }
+        };
+        (pass, shown.collect())
     }
 
     /// Gradients of a discriminator's objective on the real and the detached synthesised images.
     pub fn discriminator_gradients(
         &mut self,
-        number: usize,
+        reals: Tensor<4>,
+        fakes: &Fakes,
         discriminator: &Discriminator,
     ) -> GradientsParams {
         let share = self.context.share;
-        let (reals, fakes) = self.shown[number].clone();
-        let loss = self
-            .input(number, 0)
-            .objective(discriminator, reals, fakes.detach());
-        self.report.discriminator += share / self.shown.len() as f64 * scalar(&loss);
+        let images = fakes.images.clone().detach();
+        let input = self.input(fakes, 0);
+        let loss = input.objective(discriminator, reals, images);
+        self.report.discriminator += share / self.discriminators as f64 * scalar(&loss);
         GradientsParams::from_grads((loss * share).backward(), discriminator)
     }
 
     /// Adds to the generator's loss what the discriminator, held still, makes of its images.
-    pub fn add_adversarial_term(&mut self, number: usize, discriminator: &Discriminator) {
-        let context = self.context;
-        let (_, fakes) = self.shown[number].clone();
-        let input = self.input(number, 1);
-        let logits = discriminator
-            .clone()
-            .no_grad()
-            .forward_seeded(input.patches.cut(fakes, &input.fake_colour), input.dropout);
+    pub fn add_adversarial_term(&mut self, fakes: Fakes, discriminator: &Discriminator) {
+        let input = self.input(&fakes, 1);
+        let logits = discriminator.clone().no_grad().forward_seeded(
+            input.patches.cut(fakes.images, &input.fake_colour),
+            input.dropout,
+        );
         // A sum over the views. Both have as many logits, so where one network judges them
         // together it is twice the mean.
-        let term = generator_adversarial(logits) * (2.0 / self.shown.len() as f64);
-        self.report.adversarial += context.share * scalar(&term);
-        self.total = self.total.clone() + term * context.weights.adversarial;
+        let term = generator_adversarial(logits) * (2.0 / self.discriminators as f64);
+        self.report.adversarial += self.context.share * scalar(&term);
+        self.total = self.total.clone() + term * self.context.weights.adversarial;
     }
 
     /// The generator's gradients, and the numbers of the batch.
     pub fn finish(mut self, generator: &Generator) -> (GradientsParams, StepReport) {
         let share = self.context.share;
-        // Images that no pass needs any more need not be there in the backward pass.
-        self.shown.clear();
         self.report.total = share * scalar(&self.total);
         let gradients = (self.total * share).backward();
         (
@@ -177,13 +183,13 @@ impl<'a> BatchPass<'a> {
     }
 
     /// What a discriminator is shown in its own pass (0) or the generator's (1).
-    fn input(&self, number: usize, pass: u64) -> DiscriminatorInput {
+    fn input(&self, fakes: &Fakes, pass: u64) -> DiscriminatorInput {
         let pass = 2 * self.index as u64 + pass;
-        let [samples, ..] = self.shown[number].0.dims();
+        let [samples, ..] = fakes.images.dims();
         DiscriminatorInput::draw(
             self.context.config,
             self.context.step,
-            pass | (number as u64) << 32,
+            pass | (fakes.number as u64) << 32,
             samples,
         )
     }

@@ -193,18 +193,13 @@ impl Trainer {
         batch: Batch,
         report: &mut StepReport,
     ) -> Result<GradientsParams> {
-        let mut pass = BatchPass::forward(
-            context,
-            &self.generator,
-            batch,
-            0,
-            self.adversaries.len(),
-            &self.devices[0],
-        );
-        for (index, adversary) in self.adversaries.iter_mut().enumerate() {
-            let gradients = pass.discriminator_gradients(index, &adversary.network);
+        let count = self.adversaries.len();
+        let (mut pass, shown) =
+            BatchPass::forward(context, &self.generator, batch, 0, count, &self.devices[0]);
+        for (adversary, (reals, fakes)) in self.adversaries.iter_mut().zip(shown) {
+            let gradients = pass.discriminator_gradients(reals, &fakes, &adversary.network);
             adversary.step(context.discriminator_rate, gradients);
-            pass.add_adversarial_term(index, &adversary.network);
+            pass.add_adversarial_term(fakes, &adversary.network);
         }
         let (gradients, of_batch) = pass.finish(&self.generator);
         report.add(&of_batch);
