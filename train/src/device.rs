@@ -43,7 +43,7 @@ impl FromStr for DeviceChoice {
             Some((name, index)) => {
                 let index = index.parse().map_err(|_| {
                     Error::Device(format!(
-                        "`{index}` in the device `{text}` is no number; write e.g. cuda:1"
+                        "`{index}` in the device `{text}` is not a number; write e.g. cuda:1"
                     ))
                 })?;
                 (name, Some(index))
@@ -181,7 +181,7 @@ mod tests {
         }
         for (name, part) in [
             ("gpu", "unknown device"),
-            ("cuda:x", "no number"),
+            ("cuda:x", "not a number"),
             ("cpu:0", "no index"),
         ] {
             let message = name.parse::<DeviceChoice>().unwrap_err().to_string();

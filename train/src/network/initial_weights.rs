@@ -60,7 +60,7 @@ impl InitialWeights {
         };
         let bytes =
             std::fs::read(path).map_err(|error| refuse(format!("it cannot be read ({error})")))?;
-        let damaged = |error| refuse(format!("it is no whole safetensors file ({error})"));
+        let damaged = |error| refuse(format!("it is not a whole safetensors file ({error})"));
         let file = SafeTensors::deserialize(&bytes).map_err(damaged)?;
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
         let mut tensors = BTreeMap::new();
@@ -73,7 +73,7 @@ impl InitialWeights {
             })?;
             if values.iter().any(|value| !value.is_finite()) {
                 return Err(refuse(format!(
-                    "the tensor `{name}` holds values that are no numbers"
+                    "the tensor `{name}` holds values that are not finite"
                 )));
             }
             tensors.insert(name.to_owned(), (view.shape().to_vec(), values));
@@ -284,7 +284,7 @@ mod tests {
         );
         let nan = [f16::NAN, f16::ONE].map(f16::to_le_bytes);
         let text = put(Dtype::F16, nan.as_flattened()).unwrap_err().to_string();
-        assert!(text.contains("no numbers"), "{text}");
+        assert!(text.contains("not finite"), "{text}");
     }
 
     #[test]
@@ -309,7 +309,7 @@ mod tests {
         for length in [0, 7, 30, bytes.len() - 1] {
             std::fs::write(&path, &bytes[..length]).unwrap();
             let text = InitialWeights::read(&path).unwrap_err().to_string();
-            assert!(text.contains("no whole safetensors file"), "{text}");
+            assert!(text.contains("not a whole safetensors file"), "{text}");
         }
         let text = InitialWeights::read(&folder.path().join("none"))
             .unwrap_err()
