@@ -14,6 +14,7 @@
 //! have an extension that begins with `data` or `onnx_data`.
 
 mod forms;
+mod shapes;
 mod sizes;
 
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
