@@ -43,7 +43,7 @@ impl Setup {
 
     /// The configuration `source` with the preset and the `settings`.
     pub fn resolve(&self, source: &str, settings: &[String]) -> Result<Config, CliError> {
-        Ok(Config::resolve(source, self.preset, settings)?)
+        Config::resolve(source, self.preset, settings).map_err(CliError::usage)
     }
 
     /// The device of the networks, and those that share its work.
