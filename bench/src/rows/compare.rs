@@ -273,6 +273,13 @@ fn p_text(value: Option<f64>) -> String {
 
 /// What the number of drives keeps these tests from showing.
 fn limits(tests: &[PairedTest]) -> String {
+    let limit = |p: f64| {
+        if p < 1e-4 {
+            format!("{p:.0e}")
+        } else {
+            format!("{p:.4}")
+        }
+    };
     let mut text = String::new();
     let without = tests
         .iter()
@@ -289,9 +296,9 @@ fn limits(tests: &[PairedTest]) -> String {
         text += &format!(
             "Over {} p cannot fall below {}, and after Holm over {} tests not below {}.",
             test.recordings,
-            p_text(Some(smallest)),
+            limit(smallest),
             test.family,
-            p_text(Some(corrected)),
+            limit(corrected),
         );
         if corrected >= 0.05 {
             text += " WARNING: 0.05 cannot be reached, whatever the difference; compare fewer \
