@@ -16,8 +16,8 @@ use crate::{
         median,
         plan::TableChoice,
         record::{FAILURES, Outcome},
-        run::{self, Request, RunError},
-        write,
+        request::{Request, RunError},
+        run, write,
     },
     notes::Notes,
 };

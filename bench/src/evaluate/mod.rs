@@ -16,6 +16,7 @@
 
 pub mod agreement;
 pub mod comparison;
+mod findings;
 pub mod identity;
 pub mod journal;
 pub mod median;
@@ -23,6 +24,7 @@ pub mod pipeline;
 pub mod plan;
 pub mod predictions;
 pub mod record;
+pub mod request;
 pub mod run;
 pub mod sample;
 pub mod score;

@@ -15,11 +15,11 @@ use strat_metrics::{PostProcessing, Protocol, Row, RowContext, Suffix, tables::T
 use strat_onnx::metadata::OutputMeaning;
 use strat_splits::Role;
 use strat_store::{
+    command::eprint_line,
     files,
     progress::Progress,
     raster::Plane,
     set::{Count, PreparedSet, Sample},
-    shard::Shard,
     spread,
 };
 
@@ -27,106 +27,21 @@ use super::{
     Comparison, Evaluation, GaveUp, NamedFile, Observer, Predictor, Task,
     agreement::Agreement,
     evaluate,
+    findings::{dead, extremes, images_in, unpredicted},
     identity::Identity,
-    journal::{self, Journal, JournalError},
+    journal::{self, Journal},
     median::{self, MedianDepth},
-    plan::{self, PlanError, TableChoice},
-    predictions::{PredictionWriter, SaveError, SavedPredictions},
+    plan,
+    predictions::{PredictionWriter, SavedPredictions},
     record::{self, DataRecord, Failure, ModelRecord, Outcome, ProtocolRecord, RunRecord, slug},
-    shards::{self, ShardsError},
+    request::{Draw, Finished, Request, RunError},
+    shards,
 };
 use crate::{
     model::{Model, vet::vet},
     notes::Notes,
-    runtime::{Device, Runtime, RuntimeChoice, RuntimeError, placement_text},
+    runtime::{Runtime, placement_text},
 };
-
-/// What is to be measured, and how.
-#[derive(Debug)]
-pub struct Request<'a> {
-    /// Folder of the prepared set.
-    pub data: &'a Path,
-    /// Tables to fill.
-    pub table: TableChoice,
-    /// Further protocols, by name or file.
-    pub protocols: &'a [String],
-    /// ONNX files.
-    pub models: &'a [NamedFile],
-    /// Predictions that some program has saved.
-    pub predictions: &'a [NamedFile],
-    /// Measure the median depth of the training scans, too.
-    pub median_baseline: bool,
-    /// Folder for the results.
-    pub out: &'a Path,
-    /// Measure one part of the test images only.
-    pub shard: Option<Shard>,
-    /// Save what models predict.
-    pub save_predictions: bool,
-    /// Comparison pictures for each predictor, spread evenly over the test images.
-    pub pictures: usize,
-    /// Comparison pictures of as many best and as many worst images.
-    pub extremes: usize,
-    /// Which runtime.
-    pub runtime: RuntimeChoice,
-    /// Where models run.
-    pub device: Device,
-    /// Threads within a model.
-    pub threads: usize,
-    /// Threads beside the model.
-    pub pool: &'a rayon::ThreadPool,
-    /// No progress and no notes.
-    pub quiet: bool,
-}
-
-/// Draws one comparison for the model of this name below the folder of results.
-pub type Draw<'a> = &'a dyn Fn(&Path, &str, &Comparison) -> Result<(), strat_store::Error>;
-
-/// Why a run ended without results.
-#[derive(Debug, thiserror::Error)]
-pub enum RunError {
-    /// A file or folder cannot be used.
-    #[error(transparent)]
-    Store(#[from] strat_store::Error),
-    /// The set cannot serve what was asked for.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    /// The folder of the part cannot be used.
-    #[error(transparent)]
-    Shards(#[from] ShardsError),
-    /// There is no such runtime, or not on that device.
-    #[error(transparent)]
-    Runtime(#[from] RuntimeError),
-    /// Predictions cannot be saved.
-    #[error(transparent)]
-    Save(#[from] SaveError),
-    /// What was measured cannot be put down.
-    #[error(transparent)]
-    Journal(#[from] JournalError),
-}
-
-/// What a run has found; nothing of it is written yet but pictures, saved predictions and journals.
-#[derive(Debug)]
-pub struct Finished {
-    /// Record, rows and failures.
-    pub outcome: Outcome,
-    /// Tables to write.
-    pub tables: Vec<ThesisTable>,
-    /// Where the results belong: the folder for results, or that of one part.
-    pub folder: PathBuf,
-    journals: Vec<PathBuf>,
-}
-
-impl Finished {
-    /// Removes what an interrupted run would have gone on from; for when the results are written.
-    ///
-    /// # Errors
-    /// A file cannot be removed.
-    pub fn remove_journals(&self) -> Result<(), strat_store::Error> {
-        self.journals
-            .iter()
-            .try_for_each(|path| journal::remove(path))
-    }
-}
 
 /// Measures everything that is asked for.
 ///
@@ -416,7 +331,7 @@ impl TableRun<'_> {
             reason,
         } in &evaluation.failures
         {
-            eprintln!("error: {model}, image {image}: {reason}");
+            eprint_line(format_args!("error: {model}, image {image}: {reason}"));
         }
         match evaluation.gave_up {
             None => {}
@@ -631,71 +546,4 @@ impl Observer for Recorder<'_> {
     fn scored(&mut self, rows: &[Row]) -> Result<(), RunError> {
         Ok(self.journal.add(rows)?)
     }
-}
-
-/// The images with the `count` smallest and `count` largest Abs Rel under the first protocol
-/// that scores images as wholes.
-fn extremes(rows: &[Row], count: usize) -> BTreeSet<String> {
-    let first = rows.iter().find(|row| row.score.group.is_none());
-    let mut own: Vec<&Row> = rows
-        .iter()
-        .filter(|row| first.is_some_and(|first| first.context.protocol == row.context.protocol))
-        .collect();
-    own.sort_by(|a, b| {
-        let error = |row: &Row| row.score.metrics.abs_rel;
-        error(a).total_cmp(&error(b)).then(a.image.cmp(&b.image))
-    });
-    let ends = own.iter().take(count).chain(own.iter().rev().take(count));
-    ends.map(|row| row.image.clone()).collect()
-}
-
-/// What there is to say about pixels without a usable prediction (PROTOCOL D8): how many there are,
-/// and what that means for the figures.
-fn unpredicted(name: &str, rows: &[Row], gives_depth: bool) -> Option<String> {
-    let first = rows.iter().find(|row| row.score.floored_pixels > 0)?;
-    let protocol = &first.context.protocol;
-    let own = || rows.iter().filter(|row| row.context.protocol == *protocol);
-    let sum = |count: fn(&Row) -> u64| own().map(count).sum::<u64>();
-    let (missing, scored) = (
-        sum(|row| row.score.floored_pixels),
-        sum(|row| row.score.pixels),
-    );
-    Some(if gives_depth {
-        format!(
-            "{name}: {missing} of {} pixels under {protocol} have no depth (0 is none) and are left \
-             out; figures are of the other {:.1} % alone (columns pixels and floored_pixels of \
-             rows.csv)",
-            missing + scored,
-            100.0 * scored as f64 / (missing + scored) as f64
-        )
-    } else {
-        format!(
-            "{name}: {missing} of {scored} pixels scored under {protocol} had a disparity of zero or \
-             nearly zero and were scored at its floor, far away (column floored_pixels of rows.csv)"
-        )
-    })
-}
-
-/// Whether maps of disparity have none anywhere. Dead maps of depth fail and say so themselves.
-fn dead(name: &str, rows: &[Row]) -> Option<String> {
-    let first = rows.iter().find(|row| row.score.floored_pixels > 0)?;
-    let dead: BTreeSet<&str> = rows
-        .iter()
-        .filter(|row| row.context.protocol == first.context.protocol)
-        .filter(|row| row.score.floored_pixels == row.score.pixels)
-        .map(|row| row.image.as_str())
-        .collect();
-    dead.first().map(|first| {
-        format!(
-            "DEAD OUTPUT: model {name} gives no disparity above the floor in {} of {} images, such as \
-             {first}; its figures say nothing about depth",
-            dead.len(),
-            images_in(rows)
-        )
-    })
-}
-
-fn images_in(rows: &[Row]) -> usize {
-    let images: BTreeSet<&str> = rows.iter().map(|row| row.image.as_str()).collect();
-    images.len()
 }
