@@ -25,7 +25,7 @@ pub const GRID_WIDTH: usize = 416;
 pub const GRID_HEIGHT: usize = 128;
 
 /// More scans than this do not move a median, but fill the memory; they are drawn evenly.
-const MOST_IMAGES: usize = 1000;
+const MAX_IMAGES: usize = 1000;
 
 /// Why there is no such row.
 #[derive(Debug, thiserror::Error)]
@@ -74,7 +74,7 @@ impl MedianDepth {
         if samples.is_empty() {
             return Err(BaselineError::NoTrainingDepth);
         }
-        let used = samples.len().min(MOST_IMAGES);
+        let used = samples.len().min(MAX_IMAGES);
         let chosen: Vec<&Sample> = (0..used)
             .map(|index| &samples[index * samples.len() / used])
             .collect();
@@ -150,10 +150,10 @@ fn median(mut values: Vec<f32>) -> Option<f32> {
 ///
 /// Scans have no points above the horizon, so what is nearest there is the row below.
 fn fill(cells: Vec<Option<f32>>, width: usize, height: usize) -> Option<Plane> {
-    let nearest = |place: usize, count: usize, prefer_larger: bool, at: &dyn Fn(usize) -> bool| {
+    let nearest = |index: usize, count: usize, prefer_larger: bool, at: &dyn Fn(usize) -> bool| {
         (0..count).filter(|&other| at(other)).min_by_key(|&other| {
-            let farther_side = (other < place) == prefer_larger;
-            (place.abs_diff(other), farther_side)
+            let farther_side = (other < index) == prefer_larger;
+            (index.abs_diff(other), farther_side)
         })
     };
     let column_of: Vec<Option<usize>> = (0..width)

@@ -209,18 +209,18 @@ pub struct Outcome {
 /// Brings rows into the order model, protocol, image; rows of one image under one protocol keep
 /// theirs. What is in none of the lists comes last.
 pub fn sort_rows(rows: &mut [Row], models: &[&str], protocols: &[&str], images: &[&str]) {
-    let places = |names: &[&str]| -> HashMap<String, usize> {
+    let positions = |names: &[&str]| -> HashMap<String, usize> {
         names.iter().map(|&name| name.to_owned()).zip(0..).collect()
     };
-    let (models, protocols, images) = (places(models), places(protocols), places(images));
-    let place = |places: &HashMap<String, usize>, name: &str| {
-        places.get(name).copied().unwrap_or(usize::MAX)
+    let (models, protocols, images) = (positions(models), positions(protocols), positions(images));
+    let position = |positions: &HashMap<String, usize>, name: &str| {
+        positions.get(name).copied().unwrap_or(usize::MAX)
     };
     rows.sort_by_key(|row| {
         (
-            place(&models, &row.context.model),
-            place(&protocols, &row.context.protocol),
-            place(&images, &row.image),
+            position(&models, &row.context.model),
+            position(&protocols, &row.context.protocol),
+            position(&images, &row.image),
         )
     });
 }

@@ -23,7 +23,7 @@ use strat_store::{
 
 use super::record::{self, FAILURES, Failure, Outcome, RECORD, ROWS, RunRecord};
 
-/// The images of a part with their places in the test list.
+/// The images of a part with their positions in the test list.
 const IMAGES: &str = "images.csv";
 
 /// Why parts cannot be put together.
@@ -71,7 +71,7 @@ pub enum ShardsError {
 }
 
 #[derive(Serialize, Deserialize)]
-struct Place {
+struct ListedImage {
     position: usize,
     image: String,
 }
@@ -88,7 +88,7 @@ pub fn begin(folder: &Path, order: &[String], shard: Shard) -> Result<(), Shards
         for (position, image) in order.iter().enumerate() {
             if shard.has(image) {
                 let image = image.clone();
-                csv.serialize(Place { position, image })?;
+                csv.serialize(ListedImage { position, image })?;
             }
         }
         csv.flush()
@@ -98,7 +98,7 @@ pub fn begin(folder: &Path, order: &[String], shard: Shard) -> Result<(), Shards
 
 struct Part {
     shard: Shard,
-    images: Vec<Place>,
+    images: Vec<ListedImage>,
     outcome: Outcome,
 }
 
@@ -153,17 +153,17 @@ pub fn merge(out: &Path) -> Result<Outcome, ShardsError> {
             });
         }
     }
-    let mut images: Vec<Place> = Vec::new();
+    let mut images: Vec<ListedImage> = Vec::new();
     for part in &mut parts {
         images.append(&mut part.images);
     }
-    images.sort_by_key(|place| place.position);
+    images.sort_by_key(|image| image.position);
     if images.iter().enumerate().any(|(at, p)| p.position != at) {
         return Err(wrong(
             "its parts do not cover the test list, or images are in two of them; measure all again",
         ));
     }
-    let order: Vec<String> = images.into_iter().map(|place| place.image).collect();
+    let order: Vec<String> = images.into_iter().map(|image| image.image).collect();
     joined(parts, &order).ok_or_else(|| wrong("it has no parts"))
 }
 
@@ -196,11 +196,11 @@ fn joined(parts: Vec<Part>, order: &[String]) -> Option<Outcome> {
     let protocols: Vec<&str> = record.protocols.iter().map(|p| p.name.as_str()).collect();
     let images: Vec<&str> = order.iter().map(String::as_str).collect();
     record::sort_rows(&mut whole.rows, &models, &protocols, &images);
-    let places: HashMap<&str, usize> = images.into_iter().zip(0..).collect();
+    let positions: HashMap<&str, usize> = images.into_iter().zip(0..).collect();
     whole.failures.sort_by_key(|failure| {
         (
             models.iter().position(|model| *model == failure.model),
-            places.get(failure.image.as_str()).copied(),
+            positions.get(failure.image.as_str()).copied(),
         )
     });
     Some(whole)
@@ -244,7 +244,7 @@ fn read(folder: &Path, shard: Shard) -> Result<Part, ShardsError> {
     let record: RunRecord = yaml::load(&folder.join(RECORD))?;
     let bytes = files::read(&folder.join(ROWS))?;
     let rows = rows::read(bytes.as_slice()).map_err(|e| unusable(ROWS, e.to_string()))?;
-    let images: Vec<Place> = table(&files::read(&folder.join(IMAGES))?)
+    let images: Vec<ListedImage> = table(&files::read(&folder.join(IMAGES))?)
         .map_err(|error| unusable(IMAGES, error.to_string()))?;
     let failures: Vec<Failure> = match files::read(&folder.join(FAILURES)) {
         Ok(bytes) => table(&bytes).map_err(|error| unusable(FAILURES, error.to_string()))?,

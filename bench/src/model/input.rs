@@ -22,10 +22,10 @@ pub fn prepare_input(image: &RgbImage, input: &InputDescription) -> Vec<f32> {
     };
     let plane = input.width as usize * input.height as usize;
     let mut tensor = vec![0.0; 3 * plane];
-    for (place, values) in tensor.chunks_exact_mut(plane).enumerate() {
+    for (index, values) in tensor.chunks_exact_mut(plane).enumerate() {
         let channel = match input.channels {
-            ChannelOrder::Rgb => place,
-            ChannelOrder::Bgr => 2 - place,
+            ChannelOrder::Rgb => index,
+            ChannelOrder::Bgr => 2 - index,
         };
         let (mean, std) = (input.mean[channel], input.std[channel]);
         for (value, pixel) in values.iter_mut().zip(image.pixels()) {
@@ -40,7 +40,7 @@ pub fn prepare_input(image: &RgbImage, input: &InputDescription) -> Vec<f32> {
     match input.layout {
         Layout::Nchw => tensor,
         Layout::Nhwc => {
-            let [red, green, blue] = [0, 1, 2].map(|place| &tensor[place * plane..][..plane]);
+            let [red, green, blue] = [0, 1, 2].map(|index| &tensor[index * plane..][..plane]);
             let pixels = red.iter().zip(green).zip(blue);
             pixels.flat_map(|((r, g), b)| [*r, *g, *b]).collect()
         }

@@ -76,13 +76,13 @@ pub fn check(metadata: Option<&ModelMetadata>, tested: Content, samples: &[Sampl
 
 /// The drive of a sample such as `2011_09_26_drive_0001/0000000005` or `kitti2015/000006`.
 fn drive_of(sample: &Sample) -> Option<String> {
-    let place = sample.drive();
-    if place == "kitti2015" {
+    let drive = sample.drive();
+    if drive == "kitti2015" {
         let number: usize = sample.id.rsplit('/').next()?.parse().ok()?;
         let origin = (*kitti2015_origin().get(number)?)?;
         return Some(origin.drive.to_string());
     }
-    Some(place.to_owned())
+    Some(drive.to_owned())
 }
 
 #[cfg(test)]

@@ -102,11 +102,11 @@ pub fn check_values(
     map_width: usize,
     pixel_width: usize,
 ) -> Result<(), Implausible> {
-    let (least, most, rule) = if encoding.sigmoid.is_some() {
-        let (least, most) = (-SIGMOID_TOLERANCE, 1.0 + SIGMOID_TOLERANCE);
+    let (min, max, rule) = if encoding.sigmoid.is_some() {
+        let (min, max) = (-SIGMOID_TOLERANCE, 1.0 + SIGMOID_TOLERANCE);
         let rule = "a sigmoid lies between 0 and 1; is the sigmoid undone already, or `channel` or \
                     `name` another output?";
-        (least, most, rule.to_owned())
+        (min, max, rule.to_owned())
     } else {
         match encoding.meaning {
             OutputMeaning::DisparityFraction => (
@@ -133,7 +133,7 @@ pub fn check_values(
             OutputMeaning::InverseDepth | OutputMeaning::InverseDepthPerM => return Ok(()),
         }
     };
-    let is_outside = |value: f32| value < least || value > most;
+    let is_outside = |value: f32| value < min || value > max;
     // Whole pieces without a way out are many values at a time for the processor.
     let mut pieces = values.chunks(1024);
     let all_inside = pieces.all(|piece| !piece.iter().fold(false, |any, &v| any | is_outside(v)));

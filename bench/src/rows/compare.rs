@@ -110,8 +110,8 @@ pub fn pairs(
     }
     let mut chosen = Vec::new();
     for models in &by_protocol {
-        for (place, a) in models.iter().enumerate() {
-            for b in &models[place + 1..] {
+        for (index, a) in models.iter().enumerate() {
+            for b in &models[index + 1..] {
                 let is = |model: &ModelRows<'_>, wanted: Option<&str>| {
                     wanted.is_none_or(|wanted| model.context().model == wanted)
                 };

@@ -177,8 +177,8 @@ pub fn verify(board: &Path, rows_files: &[PathBuf]) -> Result<Verified, PublishE
             &published
         } else {
             let key = (entry.protocol.clone(), entry.expected_images.unwrap_or(0));
-            let place = match derived.iter().position(|(known, _)| *known == key) {
-                Some(place) => place,
+            let index = match derived.iter().position(|(known, _)| *known == key) {
+                Some(index) => index,
                 None => {
                     let mut made = Vec::new();
                     for rows in &rows {
@@ -188,7 +188,7 @@ pub fn verify(board: &Path, rows_files: &[PathBuf]) -> Result<Verified, PublishE
                     derived.len() - 1
                 }
             };
-            &derived[place].1
+            &derived[index].1
         };
         let same: Vec<&Entry> = candidates
             .iter()
