@@ -8,7 +8,7 @@ use strat_metrics::Row;
 use strat_onnx::metadata::Probe;
 use strat_splits::Split;
 
-use crate::command::{run, text};
+use crate::command::{bench, run, text};
 use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, onnxruntime, write_model};
 use crate::world::World;
 
@@ -330,6 +330,19 @@ fn leakage_and_a_failing_probe_are_shouted() {
         .says("PROBE FAILED: model wrong on rten CPU differs");
     let record = fs::read_to_string(world.path("out/run.yaml")).unwrap();
     assert!(record.contains("LEAKAGE"), "{record}");
+    // Whatever else is done with such a model.
+    let (set, out) = (text(&world.path("set")), text(&world.path("figures")));
+    let model = text(&path);
+    let own = ["--data", &set, "--model", &model, "--out", &out];
+    let ran = bench(&[&["figures", "--runtime", "embedded"][..], &own].concat());
+    ran.code(0)
+        .says("LEAKAGE: model wrong was trained on the eigen split")
+        .says("PROBE FAILED: model wrong on rten CPU differs");
+    let (images, out) = (text(&world.path("set/f")), text(&world.path("maps")));
+    let own = ["--model", &model, "--out", &out, "--format", "npy", &images];
+    bench(&[&["predict", "--runtime", "embedded"][..], &own].concat())
+        .code(0)
+        .says("PROBE FAILED: model wrong on rten CPU differs");
 }
 
 #[test]
