@@ -80,7 +80,7 @@ impl Progress {
                     && lines.last.elapsed() >= LINE_EVERY
                 {
                     lines.last = Instant::now();
-                    eprint_line(&self.line(done, self.started.elapsed(), &lines.note));
+                    eprint_line(self.line(done, self.started.elapsed(), &lines.note));
                 }
             }
         }
@@ -112,7 +112,7 @@ impl Progress {
             bar.finish_and_clear();
         }
         if !matches!(self.shown, Shown::Nothing) {
-            eprint_line(&self.line(
+            eprint_line(self.line(
                 self.done.load(Ordering::Relaxed),
                 self.started.elapsed(),
                 "",

@@ -1,5 +1,6 @@
 //! Predictions in files: read ([`SavedPredictions`]) and written ([`PredictionWriter`]).
 
+mod find;
 mod names;
 mod read;
 #[cfg(test)]

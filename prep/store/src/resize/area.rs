@@ -175,7 +175,7 @@ fn narrow_row(values: &[f32], columns: &[(usize, Vec<f32>)], narrowed: &mut [f32
     }
 }
 
-/// Most weights for which there is a loop unrolled: KITTI's images at the network's size have
+/// Most weights for which the loop is unrolled: KITTI's images at the network's size have
 /// three or four.
 const FEW: usize = 4;
 
