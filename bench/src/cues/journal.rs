@@ -25,7 +25,7 @@ pub struct Journal {
 
 impl Journal {
     /// Opens the journal of `model` in `folder` and returns with it the rows that an interrupted run left
-    /// there. `identity` is everything that can change a row.
+    /// there. `identity` is a digest of everything that can change a row.
     ///
     /// # Errors
     /// The file cannot be written. One that cannot be read is begun anew.
@@ -34,11 +34,10 @@ impl Journal {
         model: &str,
         identity: &str,
     ) -> Result<(Self, Vec<CueRow>), CueError> {
-        let digest = files::blake3_hex(identity.as_bytes());
         let name = format!(
             "unfinished-cues-{}-{}.csv",
             slug(model),
-            files::digest_prefix(&digest)
+            files::digest_prefix(identity)
         );
         let path = folder.join(name);
         let found = read(&path);

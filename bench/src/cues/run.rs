@@ -27,7 +27,10 @@ use super::{
 };
 use crate::{
     draw::png::png,
-    evaluate::record::{TOOL_VERSION, slug},
+    evaluate::{
+        identity::Identity,
+        record::{TOOL_VERSION, slug},
+    },
     model::{Description, Model},
 };
 
@@ -195,28 +198,23 @@ impl CueRun<'_> {
         }
     }
 
-    /// Everything that can change a row of this model.
-    fn identity(&self, model: &Model) -> Result<String, CueError> {
-        let sprites = self.cast.sprites.iter();
-        let sprites: Vec<String> = sprites
-            .map(|sprite| format!("{} {} {}", sprite.name, sprite.height_m, sprite.blake3))
-            .collect();
-        let backgrounds = self.backgrounds.iter();
-        let backgrounds: Vec<String> = backgrounds
-            .map(|one| format!("{} {}", one.id, one.ground.horizon_row))
-            .collect();
-        Ok(format!(
-            "{}\n{}\n{} {}\n{}\n{}\n{}\n{}\n{}",
-            model.file.blake3,
-            yaml::to_string(&model.description)?,
-            model.runtime(),
-            model.provider(),
-            self.set.manifest.data_digest,
-            sprites.join("\n"),
-            backgrounds.join("\n"),
-            self.scales,
-            TOOL_VERSION,
-        ))
+    /// Everything that can change a row of this model, as a digest.
+    fn identity(&self, model: &Model) -> String {
+        let mut identity = Identity::of_model(model);
+        identity.add("runtime", model.runtime());
+        identity.add("provider", model.provider());
+        identity.add("program", TOOL_VERSION);
+        identity.add("prepared set", &self.set.manifest.data_digest);
+        identity.add("sizes", &self.scales.to_string());
+        for (index, sprite) in self.cast.sprites.iter().enumerate() {
+            let facts = format!("{} {} {}", sprite.name, sprite.height_m, sprite.blake3);
+            identity.add(&format!("sprite {index}"), &facts);
+        }
+        for one in &self.backgrounds {
+            let horizon = one.ground.horizon_row.to_string();
+            identity.add(&format!("background {}", one.id), &horizon);
+        }
+        identity.digest()
     }
 
     /// Asks a model about all composites that an interrupted run has not, and draws its sheets. `note`
@@ -233,7 +231,7 @@ impl CueRun<'_> {
         } = subject;
         let plan = self.plan();
         let name = model.name.clone();
-        let (mut journal, found) = Journal::open(self.out, &name, &self.identity(model)?)?;
+        let (mut journal, found) = Journal::open(self.out, &name, &self.identity(model))?;
         let (before, left) = plan.part(found);
         let started = Instant::now();
         let clean = measure::predict_clean(model, &self.backgrounds)?;

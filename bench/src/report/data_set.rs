@@ -48,6 +48,12 @@ impl Page {
             .filter(|name| grouping(name) == Grouping::None && ThesisTable::showing(name).is_none())
             .collect();
         let first = names.iter().find(|name| grouping(name) == Grouping::None);
+        // Models of unknown scale are scored by medians under it.
+        let scaled = first.map(|name| ProtocolName::parse(name).with(Suffix::Median).to_string());
+        let scaled = names
+            .iter()
+            .find(|name| Some(*name) != first && Some(*name) == scaled.as_ref());
+        let ranked: Vec<&String> = first.into_iter().chain(scaled).collect();
         html! {
             @if !warnings.is_empty() { (warning("What was warned about during the runs:", &warnings)) }
             (of_tables)
@@ -66,10 +72,8 @@ impl Page {
                 }
             }
             @for name in by_distance { (self.distances(set, name)) }
-            @if let Some(name) = first {
-                h3 { "Best and worst images" }
-                (self.images(index, set, name))
-            }
+            @if !ranked.is_empty() { h3 { "Best and worst images" } }
+            @for name in &ranked { (self.images(index, set, name)) }
         }
     }
 

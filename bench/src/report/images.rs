@@ -55,7 +55,7 @@ impl Page {
             }
             absent |= shown.len() < chosen.len();
             parts.push(html! {
-                h4 id={ "images-" (index) "-" (number) } { (name) }
+                h4 id={ "images-" (index) "-" (protocol) "-" (number) } { (name) }
                 @if !shown.is_empty() {
                     div.charts {
                         @for (word, row, address) in &shown {
@@ -100,7 +100,9 @@ impl Page {
         let path = set.runs.iter().find_map(|run| {
             let own = run.record.as_ref()?.models.iter();
             let is_own = |record: &ModelRecord| {
-                record.name == model && record.blake3 == row.context.model_hash
+                // Rows of earlier versions carry the file's digest alone.
+                let known = [record.identity.digest(), record.blake3.clone()];
+                record.name == model && known.contains(&row.context.model_hash)
             };
             own.clone()
                 .any(is_own)

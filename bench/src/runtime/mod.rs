@@ -405,6 +405,7 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), test_graph().unwrap()).unwrap();
         let loaded = onnxruntime::find(false).unwrap();
+        let mut refused = 0;
         for device in &Device::KINDS[1..] {
             if onnxruntime::is_compiled_in(*device) {
                 eprintln!("skipped: this library has {}", device.provider());
@@ -414,7 +415,10 @@ mod tests {
                 panic!("{device} was replaced in silence");
             };
             eprintln!("{device}: {}", shorten(error.message()));
+            refused += 1;
         }
+        // No library has both CUDA, Core ML and DirectML.
+        assert!(refused >= 2, "{refused}");
     }
 
     #[test]

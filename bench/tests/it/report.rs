@@ -9,7 +9,7 @@ use strat_needs::Need;
 use strat_splits::Split;
 
 use crate::command::{Ran, run, text};
-use crate::fixtures::write_model;
+use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, network, write_model};
 use crate::world::World;
 
 fn report(folder: &Path, more: &[&str]) -> Ran {
@@ -134,6 +134,35 @@ fn the_page_stands_alone() {
     let first = page;
     report(&all, &["--title", "Ours & \"theirs\""]).code(0);
     assert_eq!(first, self::page(&all));
+}
+
+/// A model of unknown scale is scored by medians; its best and worst images are shown under that
+/// protocol, beside those of a model with a scale.
+#[test]
+fn pictures_are_captioned_with_the_protocol_they_were_scored_under() {
+    let world = World::new(Split::Kitti, 4, false);
+    let metric = write_model(world.folder.path(), "metric", 0.04, 0.01, "kitti");
+    let unscaled = world.path("unscaled.onnx");
+    fs::write(&unscaled, network(0.04, 0.02, None)).unwrap();
+    let description = format!(
+        "input: {{width: {INPUT_WIDTH}, height: {INPUT_HEIGHT}, range: 0..1}}\n\
+         output: {{meaning: inverse_depth}}\n"
+    );
+    fs::write(world.path("unscaled.yaml"), description).unwrap();
+    let (metric, unscaled) = (text(&metric), text(&unscaled));
+    let more = ["--model", &metric, "--model", &unscaled, "--extremes", "1"];
+    world.bench("3.1", "all/a", &more).code(0);
+    let all = world.path("all");
+    report(&all, &[]).code(0);
+    let page = page(&all);
+    assert_eq!(page.matches("src=\"data:image/jpeg;base64,").count(), 4);
+    for row in world.rows("all/a") {
+        let caption = format!(
+            "<code>{}</code>: Abs Rel {:.3}, RMSE {:.3} m under {}",
+            row.image, row.score.metrics.abs_rel, row.score.metrics.rmse, row.context.protocol
+        );
+        assert!(page.contains(&caption), "no {caption}");
+    }
 }
 
 #[test]
