@@ -7,11 +7,13 @@
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use serde::{Deserialize, Serialize};
 use strat_splits::Role;
+use strat_store::claim::{Found, Mark};
 use strat_store::layout::DepthKind;
 use strat_store::raster::Plane;
 use strat_store::set::{PreparedSet, Sample};
-use strat_store::{exr, files, image_files, npy};
+use strat_store::{exr, files, image_files, npy, yaml};
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
@@ -26,6 +28,17 @@ pub enum Format {
     Png16,
     /// A NumPy file per frame.
     Npy,
+}
+
+impl Format {
+    /// The name on the command line.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Npz => "npz",
+            Self::Png16 => "png16",
+            Self::Npy => "npy",
+        }
+    }
 }
 
 /// What came of the frames.
@@ -45,11 +58,12 @@ pub struct Exported {
     pub failed: Vec<String>,
 }
 
-/// Writes the ground truth of a role's samples into `out`, replacing files of the same names; of the
-/// given kind, or of the only one there is.
+/// Writes the ground truth of a role's samples into `out`, of the given kind or of the only one there
+/// is. The folder is new, empty, or one of exports; only those of the same ground truth are replaced.
 ///
 /// # Errors
-/// The set cannot be read or has no such ground truth, or `out` lies inside it or cannot be written.
+/// The set cannot be read or has no such ground truth, or `out` lies inside it, holds other things or
+/// cannot be written.
 pub fn export(
     set: &PreparedSet,
     role: Role,
@@ -59,13 +73,13 @@ pub fn export(
 ) -> Result<Exported> {
     let samples = set.samples(role)?;
     let kind = choose(kind, &samples, set, role)?;
-    if lies_inside(out, &set.root) {
-        return Err(Error::Output {
-            path: out.to_owned(),
-            problem: "this lies inside the set; give another folder".to_owned(),
-        });
-    }
-    files::check_writable(out)?;
+    let export = Export {
+        set_digest: set.manifest.data_digest.clone(),
+        role: role.to_string(),
+        kind: kind.as_str().to_owned(),
+        format: format.name().to_owned(),
+    };
+    let record = claim(set, export, out)?;
     let mut done = Exported {
         kind,
         target: out.to_owned(),
@@ -108,14 +122,72 @@ pub fn export(
             })?;
         }
     }
+    MARK.finish(out, yaml::to_string(&record)?.as_bytes())?;
     Ok(done)
 }
 
-fn lies_inside(out: &Path, set: &Path) -> bool {
-    let absolute = std::path::absolute(out).unwrap_or_else(|_| out.to_owned());
-    let mut folders = absolute.ancestors();
-    let out = folders.find_map(|folder| folder.canonicalize().ok());
-    matches!((out, set.canonicalize()), (Some(out), Ok(set)) if out.starts_with(&set))
+/// Whose a folder of exports is. Frames are named by their ids, so the whole folder is.
+const MARK: Mark = Mark {
+    command: "prep export",
+    record: "export.yaml",
+    begins: "tool: prep export\n",
+    writes: |_| true,
+};
+
+/// What a folder of exports holds.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Record {
+    tool: String,
+    exports: Vec<Export>,
+}
+
+/// Ground truth of one role of a set in one format.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Export {
+    set_digest: String,
+    role: String,
+    kind: String,
+    format: String,
+}
+
+impl Export {
+    /// Whether two exports write files of the same names.
+    fn collides(&self, other: &Self) -> bool {
+        let names = |export: &Self| match export.format.as_str() {
+            "npz" => Some((export.role.clone(), export.kind.clone())),
+            _ => None,
+        };
+        self.format == other.format && names(self) == names(other) && self.role == other.role
+    }
+}
+
+/// Looks at the folder and marks it; what it will hold when `export` is there.
+fn claim(set: &PreparedSet, export: Export, out: &Path) -> Result<Record> {
+    let mut record = Record {
+        tool: MARK.command.to_owned(),
+        exports: Vec::new(),
+    };
+    if MARK.examine(out, &[&set.root])? == Found::Record {
+        record = yaml::load(&out.join(MARK.record))?;
+    }
+    let mut others = record.exports.iter().filter(|other| **other != export);
+    if let Some(other) = others.find(|other| other.collides(&export)) {
+        return Err(Error::Output {
+            path: out.to_owned(),
+            problem: format!(
+                "this folder holds {} ground truth of the {} samples of a set with digest {:.12} under the \
+                 names that would be written; give another folder",
+                other.kind, other.role, other.set_digest
+            ),
+        });
+    }
+    MARK.begin(out)?;
+    if !record.exports.contains(&export) {
+        record.exports.push(export);
+    }
+    Ok(record)
 }
 
 /// The given kind, or the only one there is.

@@ -412,6 +412,12 @@ pub fn set(set: &PreparedSet, check: Check, report: &mut Report) -> Result<()> {
             strangers[..strangers.len().min(SHOWN)].join(", ")
         ));
     }
+    if !set.seals_manifest()? {
+        report.notes.push(format!(
+            "{MANIFEST} carries no digest of its own words, as that of sets by earlier versions: whether it \
+             was edited cannot be told"
+        ));
+    }
     for (role, count) in &set.manifest.counts {
         if count.found < count.expected {
             // A set of part of a split is whole in itself.
@@ -468,7 +474,8 @@ fn strange_files(
         };
         let parts: Vec<_> = inside.iter().map(|part| part.to_string_lossy()).collect();
         let name = parts.join("/");
-        if !known.contains(&name) {
+        let half_written = parts.iter().any(|part| files::is_leftover(part));
+        if !known.contains(&name) && !half_written {
             strangers.push(name);
         }
     }

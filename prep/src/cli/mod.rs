@@ -140,6 +140,12 @@ fn conclude(out: &Path, shard: Option<Shard>, report: &Report) -> Result<u8, Cli
     for doubt in &report.doubts {
         eprint_line(format_args!("warning: {doubt}"));
     }
+    for path in &report.foreign {
+        eprint_line(format_args!(
+            "note: {} belongs to no part and stays",
+            path.display()
+        ));
+    }
     if report.failures.is_empty() {
         return Ok(DONE);
     }

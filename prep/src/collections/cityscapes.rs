@@ -13,9 +13,9 @@ use serde::Deserialize;
 use strat_splits::Role;
 use strat_store::image_files;
 use strat_store::layout::{self, LabelKind, Side};
-use strat_store::set::{Content, FileRef, Sample};
+use strat_store::set::{Content, FileRef, Sample, check_id};
 
-use super::{Frames, build, check_id};
+use super::{Frames, build};
 use crate::error::{Error, Result};
 use crate::input::raw;
 use crate::input::source::Source;

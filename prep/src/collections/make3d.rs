@@ -12,9 +12,9 @@ use strat_splits::Role;
 use strat_store::exr::DepthHeader;
 use strat_store::layout::{self, DepthKind, Side};
 use strat_store::raster::Plane;
-use strat_store::set::{Content, Sample};
+use strat_store::set::{Content, Sample, check_id};
 
-use super::{Frames, build, check_id, measured};
+use super::{Frames, build, measured};
 use crate::error::{Error, Result};
 use crate::input::mat::{self, Matrix};
 use crate::input::source::Source;

@@ -8,7 +8,7 @@ pub mod make3d;
 pub mod pairs;
 
 use std::collections::BTreeMap;
-use std::path::{Component, Path};
+use std::path::Path;
 
 use strat_splits::Role;
 use strat_store::set::{Content, Sample};
@@ -54,25 +54,6 @@ fn build<T: Sync>(
     )
 }
 
-/// Whether an id can be part of file names of a set on every system.
-fn check_id(id: &str) -> std::result::Result<(), String> {
-    let inside = !id.is_empty()
-        && Path::new(id)
-            .components()
-            .all(|part| matches!(part, Component::Normal(_)))
-        && !id.ends_with('/')
-        && !id.contains("//")
-        && !id.contains("/./")
-        && !id.contains(|c: char| c.is_control() || "\\:*?\"<>|".contains(c));
-    if inside {
-        return Ok(());
-    }
-    Err(format!(
-        "`{id}` is no usable id: it becomes a file name in the set, so it should be a plain name or \
-         a path without `..`, without a slash at its ends and without \\ : * ? \" < > |"
-    ))
-}
-
 /// Depth as it is stored: what is not positive and finite counts as not measured and becomes 0.
 fn measured(depth_m: f64) -> f32 {
     let depth_m = depth_m as f32;
@@ -86,18 +67,6 @@ fn measured(depth_m: f64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn ids_stay_inside_the_set() {
-        for good in ["a", "straße 7/bild 0001", "a/b/c.d", "...", "0"] {
-            assert_eq!(check_id(good), Ok(()), "{good}");
-        }
-        for bad in [
-            "", "/a", "../a", "a/../b", "a/", "a//b", "a/./b", ".", "a\\b", "C:a", "a\nb",
-        ] {
-            assert!(check_id(bad).is_err(), "{bad}");
-        }
-    }
 
     #[test]
     fn what_was_not_measured_becomes_zero() {

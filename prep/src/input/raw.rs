@@ -51,6 +51,8 @@ pub struct Day {
     pub cameras: std::result::Result<Arc<CamToCam>, String>,
     /// From Velodyne points to left pixels.
     pub projection: std::result::Result<[[f64; 4]; 3], String>,
+    /// Files that are there and cannot be read or understood, with the reason.
+    pub damaged: Vec<(PathBuf, String)>,
     /// When the later of the files was written or put into place.
     pub changed: Option<SystemTime>,
 }
@@ -314,9 +316,17 @@ impl Day {
                 ))
             });
         let files = [cam_to_cam, velo_to_cam].into_iter().flatten();
+        let mut damaged = Vec::new();
+        if let (Some(file), Err(problem)) = (cam_to_cam, &cameras) {
+            damaged.push((file.to_string().into(), problem.clone()));
+        }
+        if let (Some(file), Ok(_), Err(problem)) = (velo_to_cam, &cameras, &projection) {
+            damaged.push((file.to_string().into(), problem.clone()));
+        }
         Self {
             cameras,
             projection,
+            damaged,
             changed: files.filter_map(Source::changed).max(),
         }
     }

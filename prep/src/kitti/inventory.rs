@@ -365,6 +365,8 @@ impl Inventory {
             let Some(day) = raw.day(date).filter(|_| drives > 0) else {
                 continue;
             };
+            // What is damaged is an input that could not be used, unlike what was never there.
+            self.broken.extend(day.damaged.iter().cloned());
             match (&day.cameras, &day.projection) {
                 (Err(problem), _) => {
                     self.notes.push(format!(

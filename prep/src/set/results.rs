@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use strat_splits::{DriveId, Role};
 use strat_store::files;
-use strat_store::layout::{FAILURES, FRAMES};
+use strat_store::layout::{FAILURES, FRAMES, MANIFEST};
 use strat_store::set::{CameraEntry, Content, Count, FORMAT, Manifest, PreparedSet, Sample};
 use strat_store::shard::Shard;
 
@@ -137,7 +137,7 @@ impl Results {
     ) -> Result<PreparedSet> {
         let folder = shard.folder(out);
         // An earlier manifest would call a half-written part complete.
-        files::remove(&folder)?;
+        files::remove(&folder.join(MANIFEST))?;
         files::check_writable(&folder)?;
         if settings.content.split().is_none() {
             files::write_csv(&folder.join(FRAMES), frames)?;

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use strat_store::claim::{Found, Mark};
 use strat_store::image_files::Codec;
 use strat_store::layout::SETTINGS;
 use strat_store::resize::Kernel;
@@ -10,6 +11,14 @@ use strat_store::set::{Content, FORMAT};
 use strat_store::{files, yaml};
 
 use crate::error::{Error, Result};
+
+/// Whose the folder of a set is. The settings are its mark; they are written first.
+pub const MARK: Mark = Mark {
+    command: "prep",
+    record: SETTINGS,
+    begins: "format: ",
+    writes: |_| true,
+};
 
 /// How network-size images are made and stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -101,7 +110,7 @@ impl Settings {
             path: out.to_owned(),
             problem,
         };
-        if !holds_a_set(out, inputs)? {
+        if MARK.examine(out, inputs)? != Found::Record {
             return Ok(());
         }
         let there = Self::load(out)?;
@@ -134,41 +143,4 @@ impl Settings {
             self.image_width, self.image_height, self.kernel, self.codec, self.format
         )
     }
-}
-
-/// Makes sure that `out` lies in no input folder and is new, empty, or the output of an earlier
-/// preparation; `true` for the last, whose settings are still to be compared.
-fn holds_a_set(out: &Path, inputs: &[&Path]) -> Result<bool> {
-    let wrong = |problem: String| Error::Output {
-        path: out.to_owned(),
-        problem,
-    };
-    // The nearest ancestor that exists tells where a folder still to be made will be.
-    let nearest = out
-        .ancestors()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .find_map(|folder| folder.canonicalize().ok());
-    for input in inputs {
-        if let (Some(nearest), Ok(input)) = (&nearest, input.canonicalize())
-            && nearest.starts_with(&input)
-        {
-            return Err(wrong(format!(
-                "this lies inside the input folder {}, which is never written to; give another folder",
-                input.display()
-            )));
-        }
-    }
-    if out.is_file() {
-        return Err(wrong("this is a file; give a folder".to_owned()));
-    }
-    if out.join(SETTINGS).is_file() {
-        return Ok(true);
-    }
-    if std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) {
-        return Err(wrong(
-            "this folder holds other things and no prepared set; give a new or an empty folder"
-                .to_owned(),
-        ));
-    }
-    Ok(false)
 }

@@ -14,7 +14,7 @@ use std::path::Path;
 
 use strat_splits::{FrameId, Role, Split, test_ids, training, validation};
 use strat_store::files;
-use strat_store::layout::{FAILURES, FRAMES, SETTINGS};
+use strat_store::layout::{FAILURES, FRAMES, MANIFEST, SETTINGS, table_name};
 use strat_store::set::{Manifest, PreparedSet};
 use strat_store::shard::{PARTS, Shard};
 
@@ -40,6 +40,7 @@ pub fn merge(out: &Path) -> Result<Report> {
         )));
     }
     let settings: Settings = Settings::load(out)?;
+    files::remove_leftovers(out)?;
     let shards = Shard::found_in(out).map_err(&wrong)?;
     let Some(count) = shards.first().map(|shard| shard.count) else {
         return Err(wrong(if PreparedSet::open(out).is_ok() {
@@ -74,14 +75,21 @@ pub fn merge(out: &Path) -> Result<Report> {
     }
     let results = gather(&parts, &settings).map_err(&wrong)?;
     let set = results.write(out, &settings)?;
-    files::remove(&out.join(PARTS))?;
+    let kept = Shard::remove_all(out, is_of_part)?;
     Ok(Report {
         set,
         failures: results.failures,
         written: 0,
         kept: 0,
         doubts: Vec::new(),
+        foreign: kept,
     })
+}
+
+/// Whether a file of this name is one that a part writes into its folder.
+fn is_of_part(name: &str) -> bool {
+    let tables = Role::ALL.map(table_name);
+    [MANIFEST, FAILURES, FRAMES].contains(&name) || tables.iter().any(|table| table == name)
 }
 
 /// All complete parts and the shards whose part is not.

@@ -48,6 +48,8 @@ pub struct Report {
     pub kept: u64,
     /// Sentences about inputs that were used and may be mistaken.
     pub doubts: Vec<String>,
+    /// Files among the parts of a merged set that are none of theirs; they stay.
+    pub foreign: Vec<PathBuf>,
 }
 
 /// Makes the frames and writes the set, or the part of it that is asked for. `expected` are the samples
@@ -67,6 +69,10 @@ pub fn write_set<T: Sync>(
     let out: &Path = &options.out;
     files::check_writable(out)?;
     settings.save(out)?;
+    if options.shard.is_none() {
+        // Parts may be written by other machines, whose locks are not always seen here.
+        files::remove_leftovers(out)?;
+    }
     let set_files = SetFiles::open(out, settings);
     let mine: Vec<&Frame<T>> = frames
         .iter()
@@ -134,5 +140,6 @@ pub fn write_set<T: Sync>(
         written: set_files.written(),
         kept: set_files.kept_files(),
         doubts: set_files.doubts(),
+        foreign: Vec::new(),
     })
 }

@@ -93,11 +93,7 @@ impl Mark {
         if out.join(self.record).exists() {
             return Ok(());
         }
-        let text = format!(
-            "{}\n# `{}` was interrupted here, or is still running.\n",
-            self.begins, self.command
-        );
-        files::write_atomic(&out.join(self.begun()), text.as_bytes())
+        self.write_begun(out)
     }
 
     /// Writes the record and takes the mark of work begun away.
@@ -108,6 +104,25 @@ impl Mark {
         debug_assert!(record.starts_with(self.begins.as_bytes()));
         files::write_atomic(&out.join(self.record), record)?;
         files::remove(&out.join(self.begun()))
+    }
+
+    /// Marks the folder as work begun although a record is there, and takes that away: for files that
+    /// are replaced one after another.
+    ///
+    /// # Errors
+    /// The folder cannot be written to.
+    pub fn reopen(&self, out: &Path) -> Result<()> {
+        self.write_begun(out)?;
+        files::remove(&out.join(self.record))
+    }
+
+    fn write_begun(&self, out: &Path) -> Result<()> {
+        let text = format!(
+            "{}\n# `{}` was interrupted here, or is still running.\n",
+            self.begins.trim_end(),
+            self.command
+        );
+        files::write_atomic(&out.join(self.begun()), text.as_bytes())
     }
 
     /// Name of the record of work begun.

@@ -184,7 +184,7 @@ pub fn remove_leftovers(folder: &Path) -> Result<()> {
 }
 
 /// The names in a folder; none if it is not there.
-pub(crate) fn names_in(folder: &Path) -> Result<Vec<OsString>> {
+pub fn names_in(folder: &Path) -> Result<Vec<OsString>> {
     let names = match std::fs::read_dir(folder) {
         Ok(entries) => entries.map(|entry| Ok(entry?.file_name())).collect(),
         Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),

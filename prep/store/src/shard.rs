@@ -9,6 +9,8 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use crate::files;
+
 /// Folder of the parts within an output folder.
 pub const PARTS: &str = "parts";
 
@@ -41,6 +43,54 @@ impl Shard {
         out.join(PARTS).join(format!("{index:04}-of-{count:04}"))
     }
 
+    /// The part whose folder has this name.
+    fn of_folder(name: &str) -> Option<Shard> {
+        let (index, count) = name.split_once("-of-")?;
+        let number = |text: &str| text.parse::<u32>().ok();
+        format!("{}/{}", number(index)?, number(count)?)
+            .parse()
+            .ok()
+    }
+
+    /// Removes the parts in an output folder, in one step where nothing else lies among them. What
+    /// `writes` does not name is not the command's own: it stays, and is returned.
+    ///
+    /// # Errors
+    /// A folder cannot be read or removed.
+    pub fn remove_all(out: &Path, writes: fn(&str) -> bool) -> crate::Result<Vec<PathBuf>> {
+        let parts = out.join(PARTS);
+        let (mut own, mut foreign) = (Vec::new(), Vec::new());
+        for name in files::names_in(&parts)? {
+            let name = name.to_string_lossy();
+            let folder = parts.join(&*name);
+            if Shard::of_folder(&name).is_none() || !folder.is_dir() {
+                let list = if files::is_leftover(&name) {
+                    &mut own
+                } else {
+                    &mut foreign
+                };
+                list.push(folder);
+                continue;
+            }
+            for name in files::names_in(&folder)? {
+                let name = name.to_string_lossy();
+                let is_own = writes(&name) || files::is_leftover(&name);
+                let list = if is_own { &mut own } else { &mut foreign };
+                list.push(folder.join(&*name));
+            }
+        }
+        if !foreign.is_empty() {
+            own.iter().try_for_each(|path| files::remove(path))?;
+            for name in files::names_in(&parts)? {
+                // Fails where a file that is not ours is left.
+                let _ = std::fs::remove_dir(parts.join(name));
+            }
+        } else if parts.is_dir() {
+            files::remove_folder_atomic(&parts)?;
+        }
+        Ok(foreign)
+    }
+
     /// The parts whose folders are in an output folder, sorted; complete or not.
     ///
     /// # Errors
@@ -56,17 +106,7 @@ impl Shard {
         for entry in entries {
             let name = entry.map_err(|e| format!("its {PARTS}/ cannot be read: {e}"))?;
             let name = name.file_name();
-            let shard: Option<Shard> = name.to_str().and_then(|name| {
-                let (index, count) = name.split_once("-of-")?;
-                format!(
-                    "{}/{}",
-                    index.parse::<u32>().ok()?,
-                    count.parse::<u32>().ok()?
-                )
-                .parse()
-                .ok()
-            });
-            shards.extend(shard);
+            shards.extend(name.to_str().and_then(Shard::of_folder));
         }
         shards.sort_unstable();
         Ok(shards)
@@ -154,6 +194,31 @@ mod tests {
 
     // Recipe: make_golden.py store/shard.
     const GOLDEN: (u32, u32) = (1, 5);
+
+    #[test]
+    fn parts_go_and_what_is_not_their_own_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path();
+        let write = |path: &str| files::write_atomic(&out.join(path), b"x").unwrap();
+        let remove = || Shard::remove_all(out, |name| name == "test.csv").unwrap();
+        assert!(remove().is_empty());
+        write("parts/0000-of-0002/test.csv");
+        write("parts/0001-of-0002/test.csv");
+        assert!(remove().is_empty());
+        assert!(!out.join(PARTS).exists());
+
+        write("parts/0000-of-0002/test.csv");
+        write("parts/0001-of-0002/test.csv");
+        write("parts/0001-of-0002/notes.txt");
+        write("parts/todo.txt");
+        let mut left = remove();
+        left.sort();
+        let notes = out.join("parts/0001-of-0002/notes.txt");
+        assert_eq!(left, [notes.clone(), out.join("parts/todo.txt")]);
+        assert!(left.iter().all(|path| path.is_file()));
+        assert!(!out.join("parts/0000-of-0002").exists());
+        assert!(!notes.with_file_name("test.csv").exists());
+    }
 
     #[test]
     fn shards_are_read_and_refused_in_words() {

@@ -153,6 +153,22 @@ fn a_replaced_input_is_read_again() {
 }
 
 #[test]
+fn a_damaged_calibration_is_not_a_missing_one() {
+    let world = World::new();
+    for (out, name, good, from) in [
+        ("one", "raw/2011_09_26/calib_velo_to_cam.txt", VELO, "0.25"),
+        ("two", "raw/2011_09_26/calib_cam_to_cam.txt", CAM, "-18"),
+    ] {
+        world.write(name, good.replace(from, "nan").as_bytes());
+        let outcome = world.kitti(out, &["--allow-missing"]);
+        assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+        let failures = std::fs::read_to_string(world.path(out).join("failures.csv"));
+        assert_has(&failures.unwrap(), &[name.rsplit('/').next().unwrap()]);
+        world.write(name, good.as_bytes());
+    }
+}
+
+#[test]
 fn every_kind_of_bad_input_is_a_sentence() {
     let world = World::new();
     let image = |side: u32, frame: u32| format!("raw/{DRIVE_1}/image_0{side}/data/{frame:010}.png");

@@ -4,6 +4,8 @@ mod cityscapes;
 mod cli;
 mod damage;
 mod inputs;
+#[cfg(unix)]
+mod kills;
 mod make3d;
 mod pairs;
 mod parts;

@@ -5,7 +5,7 @@ use std::path::{Component, Path};
 
 use strat_splits::Role;
 
-use crate::collections::check_id;
+use strat_store::set::check_id;
 
 const REQUIRED: [&str; 4] = ["left", "right", "focal_px", "baseline_m"];
 const OPTIONAL: [&str; 5] = ["id", "split", "depth", "disparity", "depth_scale"];

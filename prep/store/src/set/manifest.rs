@@ -2,11 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use strat_splits::{Role, Split};
 
+use crate::error::{Error, Result};
 use crate::resize::Kernel;
+use crate::{files, yaml};
 
 /// The format this version writes and reads.
 pub const FORMAT: u32 = 2;
@@ -139,4 +142,42 @@ impl Manifest {
             .get(&role)
             .is_some_and(|count| count.found == count.expected)
     }
+}
+
+/// Key of the last line of a manifest: the BLAKE3 of everything above it.
+const SEAL: &str = "manifest_digest: ";
+
+/// A manifest and, as its last line, the digest of its words.
+pub(super) fn to_bytes(manifest: &Manifest) -> Result<Vec<u8>> {
+    let text = yaml::to_string(manifest)?;
+    let seal = files::blake3_hex(text.as_bytes());
+    Ok(format!("{text}{SEAL}{seal}\n").into_bytes())
+}
+
+/// The words of a manifest and the digest of them that it states.
+pub(super) fn seal_of(bytes: &[u8]) -> Option<(&[u8], &str)> {
+    let text = std::str::from_utf8(bytes).ok()?;
+    let start = text.rfind(SEAL).filter(|at| text[..*at].ends_with('\n'))?;
+    Some((&bytes[..start], text[start + SEAL.len()..].trim_end()))
+}
+
+/// Reads a manifest. One with a digest of its words must have those words.
+pub(super) fn load(path: &Path) -> Result<Manifest> {
+    let wrong = |problem: String| Error::Yaml {
+        path: path.to_owned(),
+        problem,
+    };
+    let bytes = files::read(path)?;
+    let words = match seal_of(&bytes) {
+        None => &bytes[..],
+        Some((words, seal)) if files::blake3_hex(words) == seal => words,
+        Some(_) => {
+            return Err(wrong(
+                "it was edited: its last line is not the digest of what stands above it; run the `prep` \
+                 command again"
+                    .to_owned(),
+            ));
+        }
+    };
+    serde_yaml::from_slice(words).map_err(|error| wrong(error.to_string()))
 }

@@ -15,7 +15,7 @@ use serde::Deserialize;
 use strat_splits::Role;
 
 pub use self::manifest::{CameraEntry, Content, Count, FORMAT, Manifest};
-pub use self::sample::{FileRef, Sample};
+pub use self::sample::{FileRef, Sample, check_id};
 use crate::error::{Error, Result};
 pub use crate::layout::MANIFEST;
 use crate::layout::table_name;
@@ -61,7 +61,7 @@ impl PreparedSet {
         }
         let set = Self {
             root: root.to_owned(),
-            manifest: yaml::load(&path)?,
+            manifest: manifest::load(&path)?,
         };
         let mut tables = Vec::new();
         for role in Role::ALL {
@@ -77,6 +77,16 @@ impl PreparedSet {
             });
         }
         Ok(set)
+    }
+
+    /// Whether the manifest carries a digest of its own words, so that edits of it are noticed. Sets of
+    /// earlier versions do not.
+    ///
+    /// # Errors
+    /// The manifest cannot be read.
+    pub fn seals_manifest(&self) -> Result<bool> {
+        let bytes = files::read(&self.root.join(MANIFEST))?;
+        Ok(manifest::seal_of(&bytes).is_some())
     }
 
     /// The samples of a role in the order of the split.
@@ -117,7 +127,7 @@ impl PreparedSet {
         for (role, bytes) in &tables {
             files::write_atomic(&root.join(table_name(*role)), bytes)?;
         }
-        files::write_atomic(&root.join(MANIFEST), yaml::to_string(&manifest)?.as_bytes())?;
+        files::write_atomic(&root.join(MANIFEST), &manifest::to_bytes(&manifest)?)?;
         Ok(Self {
             root: root.to_owned(),
             manifest,
@@ -281,7 +291,8 @@ mod tests {
         let text = std::fs::read_to_string(&path).unwrap();
         std::fs::write(&path, text.replace("format: 2", "format: 3\nnews: 1")).unwrap();
         assert!(problem().contains("format 3"), "{}", problem());
-        std::fs::write(&path, text.replace("kernel: area", "kernel: cubic")).unwrap();
+        let (words, _) = text.split_once("manifest_digest").unwrap();
+        std::fs::write(&path, words.replace("kernel: area", "kernel: cubic")).unwrap();
         assert!(
             problem().contains("kernel") && problem().contains("line"),
             "{}",
@@ -290,5 +301,32 @@ mod tests {
         std::fs::write(&path, &text).unwrap();
         std::fs::write(root.join("train.csv"), b"").unwrap();
         assert!(problem().contains("interrupted"), "{}", problem());
+    }
+
+    #[test]
+    fn edits_of_the_manifest_are_noticed() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path();
+        let set = written(root);
+        assert!(set.seals_manifest().unwrap());
+        let path = root.join(MANIFEST);
+        let text = std::fs::read_to_string(&path).unwrap();
+        for (from, to) in [
+            ("source: kitti", "source: rendered"),
+            ("found: 2", "found: 3"),
+            ("image_width: 512", "image_width: 256"),
+            ("manifest_digest: ", "manifest_digest: 0"),
+        ] {
+            assert!(text.contains(from), "{from}");
+            std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
+            let error = PreparedSet::open(root).unwrap_err().to_string();
+            assert!(error.contains("it was edited"), "{error}");
+        }
+        // Sets of earlier versions have no such line and stay readable.
+        let (words, _) = text.split_once("manifest_digest").unwrap();
+        std::fs::write(&path, words).unwrap();
+        let old = PreparedSet::open(root).unwrap();
+        assert_eq!(old.manifest, set.manifest);
+        assert!(!old.seals_manifest().unwrap());
     }
 }

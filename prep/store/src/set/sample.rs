@@ -118,3 +118,66 @@ pub(super) const OPTIONAL_FILES: [(&str, FileColumn); 11] = file_columns![
     semantic,
     instance
 ];
+
+/// Longest id, and longest part of one between slashes, in bytes: what is longer is no file name on
+/// common systems.
+const LONGEST: (usize, usize) = (1000, 240);
+
+/// Checks that an id can be part of file names of a set on every system.
+///
+/// # Errors
+/// It cannot; a sentence that says why.
+pub fn check_id(id: &str) -> Result<(), String> {
+    if id.len() > LONGEST.0 || id.split('/').any(|part| part.len() > LONGEST.1) {
+        let start: String = id.chars().take(40).collect();
+        return Err(format!(
+            "`{}...` is no usable id: it becomes a file name in the set and is too long for one, with {} \
+             bytes",
+            start.escape_debug(),
+            id.len()
+        ));
+    }
+    if is_plain(id) {
+        return Ok(());
+    }
+    Err(format!(
+        "`{}` is no usable id: it becomes a file name in the set, so it should be a plain name or a path \
+         without `..`, without a slash at its ends and without \\ : * ? \" < > |",
+        id.escape_debug()
+    ))
+}
+
+/// Whether a path with `/` between its parts stays inside the folder it is put behind and can be a
+/// file name everywhere.
+pub(super) fn is_plain(path: &str) -> bool {
+    let mut parts = path.split('/');
+    parts.all(|part| !["", ".", ".."].contains(&part))
+        && !path.contains(|c: char| c.is_control() || "\\:*?\"<>|".contains(c))
+}
+
+#[cfg(test)]
+mod id_tests {
+    use super::*;
+
+    #[test]
+    fn ids_stay_inside_the_set() {
+        for good in ["a", "straße 7/bild 0001", "a/b/c.d", "...", "0"] {
+            assert_eq!(check_id(good), Ok(()), "{good}");
+        }
+        for bad in [
+            "", "/a", "../a", "a/../b", "a/", "a//b", "a/./b", ".", "a\\b", "C:a", "a\nb", "a\0b",
+        ] {
+            assert!(check_id(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn long_ids_are_named_by_their_beginning() {
+        assert_eq!(check_id(&"a/".repeat(119)[..237]), Ok(()));
+        assert!(
+            check_id(&"x".repeat(241)).is_err() && check_id(&"a/".repeat(600)[..1199]).is_err()
+        );
+        let error = check_id(&"x".repeat(5000)).unwrap_err();
+        assert!(error.contains("5000 bytes") && error.len() < 300, "{error}");
+    }
+}

@@ -1,9 +1,13 @@
 //! The tables of a set: a line for each sample, a column for each file and one for its hash.
 
-use std::path::{Component, Path};
+use std::collections::HashSet;
+use std::path::Path;
 
-use super::sample::{FileRef, OPTIONAL_FILES, Sample};
+use super::sample::{FileRef, OPTIONAL_FILES, Sample, check_id, is_plain};
 use crate::error::{Error, Result};
+
+/// Longest path of a file within a set, in bytes.
+const LONGEST_PATH: usize = 1024;
 
 fn columns() -> Vec<String> {
     let mut columns: Vec<_> = ["id", "width", "height", "focal_px", "baseline_m"]
@@ -62,11 +66,16 @@ pub(super) fn parse_table(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>> {
         ));
     }
     let mut samples = Vec::new();
+    let mut ids = HashSet::new();
     for record in reader.records() {
         let record =
             record.map_err(|e| bad(e.position().map_or(0, csv::Position::line), e.to_string()))?;
         let line = record.position().map_or(0, csv::Position::line);
-        samples.push(parse_row(&record).map_err(|problem| bad(line, problem))?);
+        let sample = parse_row(&record).map_err(|problem| bad(line, problem))?;
+        if !ids.insert(sample.id.clone()) {
+            return Err(bad(line, format!("the id `{}` is there twice", sample.id)));
+        }
+        samples.push(sample);
     }
     Ok(samples)
 }
@@ -85,6 +94,7 @@ fn parse_row(record: &csv::StringRecord) -> std::result::Result<Sample, String> 
     if id.is_empty() {
         return Err("`id` is empty".to_owned());
     }
+    check_id(&id)?;
     let (width, height) = (positive("width", next())?, positive("height", next())?);
     let (focal_px, baseline_m) = (
         known_or_zero("focal_px", next())?,
@@ -95,13 +105,11 @@ fn parse_row(record: &csv::StringRecord) -> std::result::Result<Sample, String> 
         if path.is_empty() {
             return Ok(None);
         }
-        let inside = !path.contains('\\')
-            && Path::new(path)
-                .components()
-                .all(|c| matches!(c, Component::Normal(_)));
-        if !inside {
+        if path.len() > LONGEST_PATH || !is_plain(path) {
+            let start: String = path.chars().take(80).collect();
             return Err(format!(
-                "`{name}` should be a path inside the set, but is `{path}`"
+                "`{name}` should be a path inside the set, but is `{}`",
+                start.escape_debug()
             ));
         }
         if blake3.len() != 64 || !blake3.bytes().all(|b| b.is_ascii_hexdigit()) {
@@ -173,6 +181,20 @@ mod tests {
                 "path inside the set",
             ),
             (good.replacen("a/2,1242", "a/2", 1), 3, "fields"),
+            (good.replacen("a/2,", "a/1,", 1), 3, "`a/1` is there twice"),
+            (good.replacen("a/2,", "../../a,", 1), 3, "no usable id"),
+            (good.replacen("a/2,", "\"a\nb\",", 1), 3, "no usable id"),
+            (good.replacen("a/2,", "a\0b,", 1), 3, "no usable id"),
+            (
+                good.replacen("images/d/left", "images//left", 1),
+                2,
+                "path inside the set",
+            ),
+            (
+                good.replacen("images/d/left", "images/\u{7}/left", 1),
+                2,
+                "path inside the set",
+            ),
             (good.replacen("a/1,", ",", 1), 2, "`id` is empty"),
         ];
         for (text, line, problem) in cases {
