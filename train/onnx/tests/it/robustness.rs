@@ -1,8 +1,10 @@
 //! Files that are no models, damaged ones, and ones that harm a runtime.
 
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
 use proptest::prelude::*;
+use proptest::test_runner::TestRunner;
 use prost::Message;
 use prost::bytes::Bytes;
 use strat_onnx::embedded::EmbeddedSession;
@@ -316,27 +318,49 @@ proptest! {
     fn random_bytes_never_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
         let _ = model::inspect(&bytes, "m.onnx");
     }
+}
 
-    /// What is accepted must also be safe to hand to the runtime.
-    #[test]
-    fn mutated_models_never_panic(
-        changes in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
-        removed in proptest::option::of((any::<prop::sample::Index>(), 1_usize..40)),
-    ) {
+/// What is accepted must also be safe to hand to the runtime; and enough must be accepted for that to
+/// mean something.
+#[test]
+fn mutated_models_never_panic() {
+    const CASES: u32 = 1000;
+    let config = ProptestConfig {
+        cases: CASES,
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    };
+    let changes = proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6);
+    let removed = proptest::option::of((any::<prop::sample::Index>(), 1_usize..40));
+    let count = |counter: &Cell<u32>| counter.set(counter.get() + 1);
+    let (accepted, loaded, finished) = (Cell::new(0), Cell::new(0), Cell::new(0));
+    let outcome = TestRunner::new(config).run(&(changes, removed), |(changes, removed)| {
         let mut bytes = small_model();
         for (index, value) in changes {
             let at = index.index(bytes.len());
             bytes[at] = value;
         }
-        if let Some((index, count)) = removed {
+        if let Some((index, length)) = removed {
             let at = index.index(bytes.len());
-            bytes.drain(at..(at + count).min(bytes.len()));
+            bytes.drain(at..(at + length).min(bytes.len()));
         }
-        if model::inspect(&bytes, "m.onnx").is_ok()
-            && let Ok(session) = EmbeddedSession::from_bytes(bytes, "m.onnx", Some(1))
-            && let Some(input) = session.inputs().first()
-        {
-            let _ = session.run(&input.name, &[1, 1, 4, 4], &[0.5; 16]);
+        if model::inspect(&bytes, "m.onnx").is_ok() {
+            count(&accepted);
+            if let Ok(session) = EmbeddedSession::from_bytes(bytes, "m.onnx", Some(1))
+                && let Some(input) = session.inputs().first()
+            {
+                count(&loaded);
+                let result = session.run(&input.name, &[1, 1, 4, 4], &[0.5; 16]);
+                result.is_ok().then(|| count(&finished));
+            }
         }
-    }
+        Ok(())
+    });
+    outcome.unwrap();
+    let found = [accepted.get(), loaded.get(), finished.get()];
+    eprintln!("{CASES} mutants: {found:?} accepted, loaded, run to the end");
+    assert!(
+        found.iter().all(|count| *count > CASES / 20),
+        "{CASES} mutants test next to nothing: {found:?} accepted, loaded, run to the end"
+    );
 }
