@@ -6,7 +6,7 @@ use strat_splits::Role;
 use strat_store::command::{CliError, eprint_line};
 
 use super::args::SetArgs;
-use super::conclude;
+use super::terminal::conclude;
 use crate::collections::make3d::TEST_IMAGES;
 use crate::collections::pairs::Shares;
 use crate::collections::{cityscapes, make3d, pairs};

@@ -6,7 +6,7 @@ use strat_splits::Split;
 use strat_store::command::{CliError, eprint_line};
 
 use super::args::SetArgs;
-use super::conclude;
+use super::terminal::conclude;
 use crate::input::annotated::AnnotatedFolder;
 use crate::input::raw::RawFolder;
 use crate::input::stereo2015::{Kind, SceneFolder};

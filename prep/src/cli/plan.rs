@@ -6,7 +6,7 @@ use strat_splits::Split;
 use strat_store::command::{CliError, DONE, FAILED, print_line};
 
 use super::args::{ImageArgs, JobsArg};
-use super::json;
+use super::terminal::json;
 use crate::input::raw::RawFolder;
 use crate::input::stereo2015::{Kind, SceneFolder};
 use crate::plan::{Goal, Request, plan as find_out};

@@ -8,7 +8,7 @@ use strat_store::set::PreparedSet;
 use strat_store::threads;
 
 use super::args::JobsArg;
-use super::json;
+use super::terminal::json;
 use crate::input::raw::RawFolder;
 use crate::input::stereo2015::{Kind, SceneFolder};
 use crate::verify::{self, Check, Report};

@@ -15,7 +15,6 @@ pub mod exr;
 pub mod files;
 pub mod human;
 pub mod image_files;
-pub mod layout;
 pub mod npy;
 pub mod progress;
 pub mod raster;
@@ -27,3 +26,4 @@ pub mod threads;
 pub mod yaml;
 
 pub use error::{Error, Result};
+pub use set::layout;

@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 
-use super::{bilinear_f32, to_byte};
+use super::bilinear::{bilinear_f32, to_byte};
 use crate::raster::Plane;
 
 /// Resizes a plane by area means; enlarging falls back to [`bilinear_f32`].

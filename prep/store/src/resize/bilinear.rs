@@ -2,7 +2,6 @@
 
 use image::RgbImage;
 
-use super::to_byte;
 use crate::raster::Plane;
 
 /// Resizes a plane by linear interpolation, first along rows, then along columns, in `f32`.
@@ -99,6 +98,11 @@ pub fn rgb(image: &RgbImage, width: u32, height: u32) -> RgbImage {
         .flat_map(|i| planes.each_ref().map(|plane| to_byte(plane.data[i])))
         .collect();
     RgbImage::from_raw(width, height, data).expect("one value per pixel and channel")
+}
+
+/// Rounds half to even, as OpenCV does.
+pub(super) fn to_byte(value: f32) -> u8 {
+    value.round_ties_even().clamp(0.0, 255.0) as u8
 }
 
 #[cfg(test)]

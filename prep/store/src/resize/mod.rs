@@ -91,10 +91,6 @@ pub fn rgb(image: &RgbImage, width: u32, height: u32, kernel: Kernel) -> RgbImag
     }
 }
 
-fn to_byte(value: f32) -> u8 {
-    value.round_ties_even().clamp(0.0, 255.0) as u8
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;

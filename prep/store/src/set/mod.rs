@@ -1,9 +1,10 @@
 //! The prepared set: a folder that `prep` writes and `train` and `bench` read.
 //!
-//! [`layout`](crate::layout) says which file is where. The tables name every file with its BLAKE3,
+//! [`layout`] says which file is where. The tables name every file with its BLAKE3,
 //! and the manifest carries a digest of the tables, so the manifest's digest identifies the whole
 //! content. Not here: how the files are made, which is `prep`'s.
 
+pub mod layout;
 mod manifest;
 mod sample;
 mod table;
@@ -14,11 +15,11 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use strat_splits::Role;
 
+pub use self::layout::MANIFEST;
+use self::layout::table_name;
 pub use self::manifest::{CameraEntry, Content, Count, FORMAT, Manifest};
 pub use self::sample::{FileRef, Sample, check_id};
 use crate::error::{Error, Result};
-pub use crate::layout::MANIFEST;
-use crate::layout::table_name;
 use crate::{files, yaml};
 
 /// A finished set on disk.

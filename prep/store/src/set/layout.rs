@@ -17,7 +17,7 @@
 
 use strat_splits::Role;
 
-use crate::set::{Content, FileRef, Sample};
+use super::{Content, FileRef, Sample};
 
 /// Says what a set is. Written last: a set without it is unfinished.
 pub const MANIFEST: &str = "manifest.yaml";
