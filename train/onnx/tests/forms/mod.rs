@@ -74,8 +74,8 @@ impl Form {
 
     /// The encoded model at a version of the operator set.
     pub fn model(&self, opset: i64) -> Vec<u8> {
-        let domains = self.nodes.iter().map(|node| node.domain.as_str());
-        let foreign = domains.filter(|domain| !domain.is_empty()).next_back();
+        let mut domains = self.nodes.iter().map(|node| node.domain.as_str());
+        let foreign = domains.rfind(|domain| !domain.is_empty());
         let import = |domain: &str, version| OperatorSetIdProto {
             domain: Some(domain.to_owned()),
             version: Some(version),
