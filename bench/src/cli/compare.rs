@@ -46,7 +46,6 @@ pub(super) fn run(args: &CompareArgs) -> anyhow::Result<u8> {
     let options = TestOptions {
         permutations: args.draws,
         seed: args.seed,
-        ..TestOptions::default()
     };
     let tests = compare::pairs(
         &rows,

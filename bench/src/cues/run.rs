@@ -170,11 +170,11 @@ impl CueRun<'_> {
                     .to_owned(),
             );
         }
-        let shares = self
+        let mut shares = self
             .backgrounds
             .iter()
             .map(|background| background.occupied);
-        let worst = shares.fold(Some(0.0_f64), |worst, share| Some(worst?.max(share?)));
+        let worst = shares.try_fold(0.0_f64, |worst, share| Some(worst.max(share?)));
         match worst {
             None => notes.push(
                 "the set has no labels, so backgrounds are not checked for cars and people in the \

@@ -218,7 +218,13 @@ fn depth_of_zero_is_none_and_is_told() {
     save(&path, SIZE, |_, _| CAMERA_M, "meaning: depth_m\n");
     evaluate(&world, "full", &path, &[]).code(0);
     let full = under_camera_z(&world, "full");
-    let holes = |_: usize, column: usize| if column % 2 == 0 { CAMERA_M } else { 0.0 };
+    let holes = |_: usize, column: usize| {
+        if column.is_multiple_of(2) {
+            CAMERA_M
+        } else {
+            0.0
+        }
+    };
     save(&path, SIZE, holes, "meaning: depth_m\n");
     let ran = evaluate(&world, "holes", &path, &[]);
     ran.code(0)

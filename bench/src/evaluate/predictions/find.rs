@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use strat_store::files;
 use strat_store::set::{Content, Sample};
 
+use super::error::{SavedError, open, unusable};
 use super::names::{id_of_line, stems_of};
-use super::read::{SavedError, open, unusable};
 
 /// Extensions of the files of a folder.
 const EXTENSIONS: [&str; 3] = ["png", "exr", "npy"];

@@ -1,5 +1,6 @@
 //! Predictions in files: read ([`SavedPredictions`]) and written ([`PredictionWriter`]).
 
+mod error;
 mod find;
 mod names;
 mod read;
@@ -7,5 +8,6 @@ mod read;
 mod tests;
 mod write;
 
-pub use read::{FOLDER_DESCRIPTION, SavedDescription, SavedError, SavedPredictions};
+pub use error::SavedError;
+pub use read::{FOLDER_DESCRIPTION, SavedDescription, SavedPredictions};
 pub use write::{PredictionWriter, SaveError};

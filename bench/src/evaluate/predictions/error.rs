@@ -1,0 +1,81 @@
+//! Why saved predictions cannot be used, and the two ways in which that is found at once.
+
+use std::{
+    fs::File,
+    path::{Path, PathBuf},
+};
+
+use crate::model::Implausible;
+
+/// Why saved predictions cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SavedError {
+    /// A file could not be read or decoded.
+    #[error(transparent)]
+    Store(#[from] strat_store::Error),
+    /// A file is not what it should be.
+    #[error("{} cannot be read as predictions: {reason}", path.display())]
+    Unusable {
+        /// The file or folder.
+        path: PathBuf,
+        /// A sentence.
+        reason: String,
+    },
+    /// Nobody says what the numbers mean.
+    #[error(
+        "{} does not say what its numbers mean, and there is no description at {}; write one such \
+         as `meaning: disparity_fraction`, see `bench --help`",
+        path.display(), yaml.display()
+    )]
+    Undescribed {
+        /// The predictions.
+        path: PathBuf,
+        /// Where a description was looked for.
+        yaml: PathBuf,
+    },
+    /// An image without a map.
+    #[error("{} has no map for this image", path.display())]
+    Missing {
+        /// The predictions.
+        path: PathBuf,
+    },
+    /// A map with something that is not a number.
+    #[error(
+        "the map in {} is not a number at row {row}, column {column}",
+        path.display()
+    )]
+    NotFinite {
+        /// The file.
+        path: PathBuf,
+        /// First such row, from 0.
+        row: usize,
+        /// First such column, from 0.
+        column: usize,
+    },
+    /// A map that cannot be what the description says.
+    #[error("the map in {} cannot be what its description says: {reason}", path.display())]
+    Implausible {
+        /// The file.
+        path: PathBuf,
+        /// What cannot be.
+        reason: Implausible,
+    },
+}
+
+pub(super) fn unusable(path: &Path, reason: impl ToString) -> SavedError {
+    SavedError::Unusable {
+        path: path.to_path_buf(),
+        reason: reason.to_string(),
+    }
+}
+
+pub(super) fn open(path: &Path) -> Result<File, SavedError> {
+    File::open(path).map_err(|source| {
+        strat_store::Error::Io {
+            action: "read",
+            path: path.to_path_buf(),
+            source,
+        }
+        .into()
+    })
+}
