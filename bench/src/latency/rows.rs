@@ -98,13 +98,13 @@ pub struct LatencyRow {
     pub mean_ms: Option<f64>,
     /// Shortest latency.
     pub min_ms: Option<f64>,
-    /// See [`Latencies`].
+    /// See [`Latencies`](super::Latencies).
     pub p50_ms: Option<f64>,
-    /// See [`Latencies`].
+    /// See [`Latencies`](super::Latencies).
     pub p90_ms: Option<f64>,
-    /// See [`Latencies`].
+    /// See [`Latencies`](super::Latencies).
     pub p95_ms: Option<f64>,
-    /// See [`Latencies`].
+    /// See [`Latencies`](super::Latencies).
     pub p99_ms: Option<f64>,
     /// Longest latency.
     pub max_ms: Option<f64>,

@@ -195,7 +195,7 @@ impl OutputDescription {
         }
     }
 
-    /// What the numbers of [`Model::predict`] are.
+    /// What the numbers of [`Model::predict`](super::Model::predict) are.
     #[must_use]
     pub fn meaning(&self) -> OutputMeaning {
         self.encoding().meaning()
