@@ -21,7 +21,7 @@ pub(super) struct ExportArgs {
     /// A prepared set.
     #[arg(value_name = "SET")]
     set: PathBuf,
-    /// Folder to write to; files of the same names are replaced.
+    /// Folder to write to: new, empty, or of an earlier export; nothing else is replaced.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// What is written.
