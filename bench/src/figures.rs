@@ -314,7 +314,7 @@ impl Figures<'_> {
         meaning: OutputMeaning,
     ) -> HashMap<String, Shown<Comparison>> {
         let mut protocol = self.protocol.clone();
-        if meaning == OutputMeaning::InverseDepth {
+        if !meaning.has_scale() {
             protocol = protocol.with(Suffix::Median);
         }
         let context = RowContext {

@@ -68,14 +68,16 @@ pub enum NoSuchQuantity {
         /// What is available.
         instead: Quantity,
     },
-    /// Inverse depth of unknown scale stays that.
+    /// Depth and inverse depth of unknown scale stay that.
     #[error(
-        "{wanted} cannot be derived from this model: its inverse depth has no known scale; \
+        "{wanted} cannot be derived from this model: its {meaning} has no known scale; \
          request inverse_depth"
     )]
     NoScale {
         /// What was requested.
         wanted: Quantity,
+        /// What the model gives.
+        meaning: OutputMeaning,
     },
 }
 
@@ -83,7 +85,7 @@ pub enum NoSuchQuantity {
 #[must_use]
 pub fn default_quantity(meaning: OutputMeaning, camera: Option<StereoCamera>) -> Quantity {
     match (meaning, camera) {
-        (OutputMeaning::InverseDepth, _) => Quantity::InverseDepth,
+        (OutputMeaning::InverseDepth | OutputMeaning::Depth, _) => Quantity::InverseDepth,
         (OutputMeaning::DepthM | OutputMeaning::InverseDepthPerM, _) | (_, Some(_)) => {
             Quantity::DepthM
         }
@@ -123,10 +125,13 @@ impl Conversion {
             quantity,
             Quantity::DisparityFraction | Quantity::DisparityPx
         );
-        if meaning == OutputMeaning::InverseDepth && quantity != Quantity::InverseDepth {
-            return Err(NoSuchQuantity::NoScale { wanted: quantity });
+        if !meaning.has_scale() && quantity != Quantity::InverseDepth {
+            return Err(NoSuchQuantity::NoScale {
+                wanted: quantity,
+                meaning,
+            });
         }
-        let crosses = meaning != OutputMeaning::InverseDepth && gives_disparity != wants_disparity;
+        let crosses = meaning.has_scale() && gives_disparity != wants_disparity;
         if crosses && camera.is_none() {
             return Err(NoSuchQuantity::NoCamera {
                 wanted: quantity,
@@ -177,7 +182,9 @@ impl Conversion {
             (OutputMeaning::InverseDepthPerM, Quantity::DisparityPx) => {
                 each(data, times(product * width));
             }
-            (OutputMeaning::DepthM, Quantity::InverseDepth) => each(data, over(1.0)),
+            (OutputMeaning::Depth, _) | (OutputMeaning::DepthM, Quantity::InverseDepth) => {
+                each(data, over(1.0));
+            }
             (OutputMeaning::DepthM, Quantity::DisparityFraction) => each(data, over(product)),
             (OutputMeaning::DepthM, Quantity::DisparityPx) => each(data, over(product * width)),
             (_, Quantity::DisparityFraction) => each(data, times(fraction)),
@@ -290,6 +297,12 @@ mod tests {
         assert!(error.to_string().contains("disparity_px"), "{error}");
         let error = new(Quantity::DepthM, From::InverseDepth, Some(CAMERA)).unwrap_err();
         assert!(error.to_string().contains("no known scale"), "{error}");
+        let error = new(Quantity::DepthM, From::Depth, Some(CAMERA)).unwrap_err();
+        assert!(
+            error.to_string().contains("its depth has no known scale"),
+            "{error}"
+        );
+        assert_eq!(convert(Quantity::InverseDepth, From::Depth, 4.0), 0.25);
         assert!(new(Quantity::DepthM, From::DepthM, None).is_ok());
         assert!(new(Quantity::InverseDepth, From::DepthM, None).is_ok());
         assert!(new(Quantity::DisparityPx, From::DepthM, None).is_err());

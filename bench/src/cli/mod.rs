@@ -63,8 +63,8 @@ Models of other projects need a description beside the file (model.yaml for mode
            std: [0.229, 0.224, 0.225], channels: rgb, layout: nchw, kernel: lanczos}
   output: {name: disp, meaning: inverse_depth, sigmoid: {min_depth: 0.1, max_depth: 100},
            scale: 5.4, channel: 0, layout: nchw}
-where meaning is disparity_fraction, disparity_px, inverse_depth (of unknown scale unless `scale`
-says how many metres its unit is), inverse_depth_per_m or depth_m.
+where meaning is disparity_fraction, disparity_px, inverse_depth or depth (of unknown scale unless
+`scale` says how many metres the unit is), inverse_depth_per_m or depth_m.
 
 Saved predictions need one too (disps.yaml for disps.npy or disps.npz, predictions.yaml in a folder
 of PNG, EXR or npy files), with meaning, sigmoid, scale and png_divisor:

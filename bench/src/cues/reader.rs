@@ -3,7 +3,7 @@
 //! Only the pixels that a measure needs are brought to full size, with the same interpolation as whole
 //! maps. Disparity becomes depth by f B / (W d) with d at least 1e-4 (decision D8), and depth is clipped
 //! to [1e-3, 80] metres. Where scale or camera are unknown, depth is the clean background's median value
-//! over the value.
+//! over the value, or for depth without a unit the value over that median.
 
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::raster::Plane;
@@ -28,6 +28,8 @@ enum Reading {
     Metres(Conversion, u32, f32),
     /// The median of the clean background's map over the value.
     Relative(f32),
+    /// The value over the median of the clean background's map.
+    RelativeDepth(f32),
 }
 
 /// A model's maps of one background as depth.
@@ -51,7 +53,8 @@ impl Reader {
         let floor = match meaning {
             OutputMeaning::DisparityFraction => DISPARITY_FLOOR,
             OutputMeaning::DisparityPx => DISPARITY_FLOOR * input_width as f32,
-            OutputMeaning::DepthM
+            OutputMeaning::Depth
+            | OutputMeaning::DepthM
             | OutputMeaning::InverseDepth
             | OutputMeaning::InverseDepthPerM => 0.0,
         };
@@ -62,7 +65,11 @@ impl Reader {
                 let mut values: Vec<f64> = clean.data.iter().copied().map(f64::from).collect();
                 let median = strat_metrics::median(&mut values).unwrap_or(0.0) as f32;
                 // A map without a positive value has no depth; 1 lets it be a constant.
-                Reading::Relative(if median > 0.0 { median } else { 1.0 })
+                let median = if median > 0.0 { median } else { 1.0 };
+                match meaning {
+                    OutputMeaning::Depth => Reading::RelativeDepth(median),
+                    _ => Reading::Relative(median),
+                }
             }
         };
         Self {
@@ -81,7 +88,7 @@ impl Reader {
     pub fn unit(&self) -> Unit {
         match self.reading {
             Reading::Metres(..) => Unit::M,
-            Reading::Relative(_) => Unit::Relative,
+            Reading::Relative(_) | Reading::RelativeDepth(_) => Unit::Relative,
         }
     }
 
@@ -131,6 +138,12 @@ impl Reader {
                 }
                 values
             }
+            Reading::RelativeDepth(median) => {
+                for value in &mut values {
+                    *value = value.max(RELATIVE_FLOOR * median) / median;
+                }
+                values
+            }
             Reading::Metres(conversion, image_width, floor) => {
                 for value in &mut values {
                     *value = value.max(floor);
@@ -168,15 +181,30 @@ fn neighbours(index: usize, scale: f64, length: usize) -> (usize, usize, f32) {
 mod tests {
     use super::*;
 
-    /// 1242 x 375 seen by 640 x 192: 1.94 and 1.95 pixels of the picture each, so three are 5.9.
-    #[test]
-    fn pixels_of_the_network_are_counted_in_the_picture() {
-        let reader = |network_pixel| Reader {
-            reading: Reading::Relative(1.0),
+    fn reader(reading: Reading, network_pixel: f64) -> Reader {
+        Reader {
+            reading,
             width: 1242,
             height: 375,
             network_pixel,
-        };
+        }
+    }
+
+    /// Without a unit, depth and its inverse tell the same: twice the median is twice as far or half.
+    #[test]
+    fn relative_depth_is_read_as_such() {
+        let depths = |reading, values: &[f32]| reader(reading, 1.0).convert(values.to_vec());
+        assert_eq!(
+            depths(Reading::RelativeDepth(4.0), &[4.0, 8.0, -1.0]),
+            [1.0, 2.0, 1e-3]
+        );
+        assert_eq!(depths(Reading::Relative(4.0), &[4.0, 2.0]), [1.0, 2.0]);
+    }
+
+    /// 1242 x 375 seen by 640 x 192: 1.94 and 1.95 pixels of the picture each, so three are 5.9.
+    #[test]
+    fn pixels_of_the_network_are_counted_in_the_picture() {
+        let reader = |network_pixel| reader(Reading::Relative(1.0), network_pixel);
         assert_eq!(reader(375.0 / 192.0).network_pixels(3), 6);
         assert_eq!(reader(1242.0 / 512.0).network_pixels(3), 7);
         // A network that sees more than the picture has gains nothing.

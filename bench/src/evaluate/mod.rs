@@ -200,7 +200,7 @@ pub fn evaluate<O: Observer>(
                 let width = map.width as f32;
                 Ok(Prediction::new(map, saved.meaning(), width))
             };
-            let has_scale = saved.meaning() != OutputMeaning::InverseDepth;
+            let has_scale = saved.meaning().has_scale();
             score_given(&mut collector, take, has_scale, pool, observer)
         }
         Predictor::MedianDepth(median) => {
@@ -331,7 +331,7 @@ fn predict(model: &mut Model, prepared: Prepared, flip: bool) -> Result<Predicte
     let meaning = model.description.output.meaning();
     Ok(Predicted {
         plain: Prediction::new(plain, meaning, width),
-        has_scale: meaning != OutputMeaning::InverseDepth,
+        has_scale: meaning.has_scale(),
         flipped: flipped.map(|plane| Prediction::new(plane, meaning, width)),
         image,
     })

@@ -288,11 +288,15 @@ impl TableRun<'_> {
 
     /// The protocols of a run as they apply to predictions of this meaning.
     fn protocols_for(&mut self, name: &str, meaning: OutputMeaning) -> Vec<Protocol> {
-        if meaning != OutputMeaning::InverseDepth {
+        if meaning.has_scale() {
             return self.protocols.clone();
         }
+        let what = match meaning {
+            OutputMeaning::Depth => "depth",
+            _ => "inverse depth",
+        };
         self.notes.warn(format!(
-            "model {name} gives inverse depth of unknown scale: its predictions are scaled by the \
+            "model {name} gives {what} of unknown scale: its predictions are scaled by the \
              median of the ground truth, and its rows stand in tables of their own"
         ));
         // What was asked for with the suffix as well is one protocol.

@@ -63,7 +63,7 @@ impl Prediction {
                 Self::DisparityFraction(plane)
             }
             OutputMeaning::InverseDepthPerM => Self::InverseDepthPerM(plane),
-            OutputMeaning::DepthM => Self::DepthM(plane),
+            OutputMeaning::Depth | OutputMeaning::DepthM => Self::DepthM(plane),
         }
     }
 

@@ -95,6 +95,7 @@ impl ValueEncoding {
     pub fn meaning(&self) -> OutputMeaning {
         match (self.meaning, self.scale) {
             (OutputMeaning::InverseDepth, Some(_)) => OutputMeaning::InverseDepthPerM,
+            (OutputMeaning::Depth, Some(_)) => OutputMeaning::DepthM,
             (meaning, _) => meaning,
         }
     }
@@ -109,7 +110,7 @@ impl ValueEncoding {
         }
         if let Some(scale) = self.scale {
             let scale = match self.meaning {
-                OutputMeaning::DepthM => scale,
+                OutputMeaning::Depth | OutputMeaning::DepthM => scale,
                 _ => 1.0 / scale,
             };
             factor *= scale;
@@ -321,6 +322,9 @@ mod tests {
         numbers.sigmoid = None;
         assert_eq!(applied(&numbers, 2.7), 0.5);
         numbers.meaning = OutputMeaning::DepthM;
+        assert_eq!(applied(&numbers, 2.0), 10.8);
+        assert_eq!(numbers.meaning(), OutputMeaning::DepthM);
+        numbers.meaning = OutputMeaning::Depth;
         assert_eq!(applied(&numbers, 2.0), 10.8);
         assert_eq!(numbers.meaning(), OutputMeaning::DepthM);
 

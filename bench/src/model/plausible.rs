@@ -130,7 +130,9 @@ pub fn check_values(
                 "depth cannot be negative; are these other numbers than `meaning: depth_m` says?"
                     .to_owned(),
             ),
-            OutputMeaning::InverseDepth | OutputMeaning::InverseDepthPerM => return Ok(()),
+            OutputMeaning::InverseDepth
+            | OutputMeaning::InverseDepthPerM
+            | OutputMeaning::Depth => return Ok(()),
         }
     };
     let is_outside = |value: f32| value < min || value > max;

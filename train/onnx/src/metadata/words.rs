@@ -17,19 +17,28 @@ pub enum OutputMeaning {
     InverseDepth,
     /// Inverse depth in 1/m.
     InverseDepthPerM,
+    /// Depth up to an unknown scale and, for many models, an unknown shift.
+    Depth,
     /// Depth in metres.
     DepthM,
 }
 
 impl OutputMeaning {
     /// Every meaning, in the order of the documentation.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::DisparityFraction,
         Self::DisparityPx,
         Self::InverseDepth,
         Self::InverseDepthPerM,
+        Self::Depth,
         Self::DepthM,
     ];
+
+    /// Whether depth in metres follows from the numbers, given a camera where they are disparity.
+    #[must_use]
+    pub const fn has_scale(self) -> bool {
+        !matches!(self, Self::InverseDepth | Self::Depth)
+    }
 
     /// The word used in files.
     #[must_use]
@@ -39,6 +48,7 @@ impl OutputMeaning {
             Self::DisparityPx => "disparity_px",
             Self::InverseDepth => "inverse_depth",
             Self::InverseDepthPerM => "inverse_depth_per_m",
+            Self::Depth => "depth",
             Self::DepthM => "depth_m",
         }
     }
@@ -118,6 +128,7 @@ text_enum!(
         OutputMeaning::DisparityPx,
         OutputMeaning::InverseDepth,
         OutputMeaning::InverseDepthPerM,
+        OutputMeaning::Depth,
         OutputMeaning::DepthM
     ]
 );
