@@ -320,7 +320,9 @@ impl Entry {
         self.key().cmp(&other.key()).is_eq()
     }
 
-    fn cells(&self) -> Vec<String> {
+    /// The line as text, in the order of [`COLUMNS`]; empty where nobody has a figure.
+    #[must_use]
+    pub fn cells(&self) -> Vec<String> {
         let mut cells = vec![
             SCHEMA.to_string(),
             self.method.clone(),

@@ -92,7 +92,9 @@ impl Row {
         (model, protocol, &self.image, self.score.group)
     }
 
-    fn cells(&self) -> Vec<String> {
+    /// The line as text, in the order of [`COLUMNS`]; empty where there is nothing.
+    #[must_use]
+    pub fn cells(&self) -> Vec<String> {
         let c = &self.context;
         let mut cells = vec![
             c.model.clone(),

@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use strat_metrics::tables::{Source, ThesisTable};
+use strat_metrics::tables::Source;
 use strat_store::{
     command::{CliError, DONE, eprint_line, print},
     files,
 };
 
 use crate::{
-    evaluate::write,
+    evaluate::{plan, write},
     rows::{compare, leaderboard},
 };
 
@@ -48,21 +48,9 @@ pub(super) fn run(args: &RenderArgs) -> anyhow::Result<u8> {
         coverage.source = Source::from(source.as_str());
     }
     let measured = compare::protocols_of(&rows);
-    let shown: Vec<ThesisTable> = measured
-        .iter()
-        .filter_map(|name| ThesisTable::showing(name))
-        .map(|(table, _)| table)
-        .collect();
-    let wanted: Vec<ThesisTable> = ThesisTable::ALL
-        .into_iter()
-        .filter(|table| shown.contains(table))
-        .collect();
+    let wanted = plan::tables_showing(measured.iter().map(String::as_str));
     if wanted.is_empty() {
-        return Err(anyhow::anyhow!(
-            "no table of the thesis is about {}; the tables are made of rows under kitti2015, \
-             semantic, eigen-80, eigen-50 and make3d-c1",
-            measured.join(", ")
-        ));
+        return Err(anyhow::anyhow!(plan::no_table_shows(&measured)));
     }
     files::check_writable(&args.out)?;
     let written = write::write_tables(&args.out, &wanted, &rows, &coverage)?;

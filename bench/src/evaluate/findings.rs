@@ -4,6 +4,47 @@ use std::collections::BTreeSet;
 
 use strat_metrics::Row;
 
+use super::agreement::Agreement;
+
+/// What there is to say about the rows of one predictor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Remark {
+    /// How it lies beside the truth, in figures.
+    Figure(String),
+    /// Something to know.
+    Note(String),
+    /// Something that makes its rows doubtful.
+    Warning(String),
+}
+
+/// All that there is to say about the rows of one predictor.
+pub(super) fn remarks(
+    name: &str,
+    rows: &[Row],
+    agreement: Option<Agreement>,
+    gives_depth: bool,
+) -> Vec<Remark> {
+    let mut remarks = Vec::new();
+    if let Some(agreement) = agreement {
+        remarks.push(Remark::Figure(format!("{name}: {}", agreement.text())));
+        let doubts = agreement.doubts().into_iter();
+        remarks.extend(doubts.map(|doubt| Remark::Warning(format!("{name}: {doubt}"))));
+    }
+    // Of depth, these are figures of another set of pixels than those of other models.
+    let counted = if gives_depth {
+        Remark::Warning
+    } else {
+        Remark::Note
+    };
+    remarks.extend(unpredicted(name, rows, gives_depth).map(counted));
+    remarks.extend(
+        dead(name, rows)
+            .filter(|_| !gives_depth)
+            .map(Remark::Warning),
+    );
+    remarks
+}
+
 /// The images with the `count` smallest and `count` largest Abs Rel under the first protocol
 /// that scores images as wholes.
 pub(super) fn extremes(rows: &[Row], count: usize) -> BTreeSet<String> {
@@ -22,7 +63,7 @@ pub(super) fn extremes(rows: &[Row], count: usize) -> BTreeSet<String> {
 
 /// What there is to say about pixels without a usable prediction (PROTOCOL D8): how many there are,
 /// and what that means for the figures.
-pub(super) fn unpredicted(name: &str, rows: &[Row], gives_depth: bool) -> Option<String> {
+fn unpredicted(name: &str, rows: &[Row], gives_depth: bool) -> Option<String> {
     let first = rows.iter().find(|row| row.score.floored_pixels > 0)?;
     let protocol = &first.context.protocol;
     let own = || rows.iter().filter(|row| row.context.protocol == *protocol);
@@ -48,7 +89,7 @@ pub(super) fn unpredicted(name: &str, rows: &[Row], gives_depth: bool) -> Option
 }
 
 /// Whether maps of disparity have none anywhere. Dead maps of depth fail and say so themselves.
-pub(super) fn dead(name: &str, rows: &[Row]) -> Option<String> {
+fn dead(name: &str, rows: &[Row]) -> Option<String> {
     let first = rows.iter().find(|row| row.score.floored_pixels > 0)?;
     let dead: BTreeSet<&str> = rows
         .iter()

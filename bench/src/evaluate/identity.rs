@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_yaml::Value;
 use strat_store::files;
 
-use super::predictions::SavedPredictions;
+use super::predictions::{SavedDescription, SavedPredictions};
 use crate::model::Model;
 
 /// The fact that is there for every model: the BLAKE3 of its file with all external data.
@@ -44,9 +44,16 @@ impl Identity {
     /// Saved maps, what they mean, and whose they are.
     #[must_use]
     pub fn of_saved(saved: &SavedPredictions) -> Self {
-        let mut identity = Self::of_bytes(&saved.blake3);
-        identity.describe(&saved.description);
-        identity.add("images", &saved.images_digest);
+        Self::of_maps(&saved.blake3, &saved.description, &saved.images_digest)
+    }
+
+    /// Maps of the BLAKE3 `blake3`, what they mean, and the digest of the list of images whose
+    /// they are.
+    #[must_use]
+    pub fn of_maps(blake3: &str, description: &SavedDescription, images_digest: &str) -> Self {
+        let mut identity = Self::of_bytes(blake3);
+        identity.describe(description);
+        identity.add("images", images_digest);
         identity
     }
 
@@ -141,7 +148,6 @@ mod tests {
     use strat_onnx::metadata::OutputMeaning;
 
     use super::*;
-    use crate::evaluate::predictions::SavedDescription;
 
     fn described(scale: Option<f64>) -> Identity {
         let mut identity = Identity::of_bytes("ab");

@@ -18,6 +18,7 @@ pub mod agreement;
 pub mod comparison;
 mod findings;
 pub mod identity;
+pub mod in_memory;
 pub mod journal;
 pub mod median;
 pub mod pipeline;
@@ -48,7 +49,7 @@ use median::MedianDepth;
 use pipeline::MAX_INITIAL_FAILURES;
 use predictions::SavedPredictions;
 use record::Failure;
-use sample::load_image;
+use sample::{Scene, load_image};
 use score::{Predicted, Prediction, Scored};
 
 pub use comparison::Comparison;
@@ -254,7 +255,8 @@ fn score_given<O: Observer>(
                 flipped: None,
                 image,
             };
-            Ok(score::score(task.set, task.protocols, sample, predicted))
+            let scene = Scene::of_set(task.set, sample);
+            Ok(score::score(scene, task.protocols, predicted))
         },
         |sample, scored| collector.add(sample, scored, observer),
     )
@@ -290,7 +292,10 @@ fn run_network<O: Observer>(
             }
             ControlFlow::Continue(result)
         },
-        |sample, predicted| Ok(score::score(task.set, task.protocols, sample, predicted?)),
+        |sample, predicted| {
+            let scene = Scene::of_set(task.set, sample);
+            Ok(score::score(scene, task.protocols, predicted?))
+        },
         |sample, scored| collector.add(sample, scored, &mut **observer.borrow_mut()),
     )
 }

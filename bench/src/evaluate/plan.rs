@@ -1,6 +1,9 @@
 //! Which tables a prepared set can fill, and under which protocols it is measured.
 
-use strat_metrics::{GroundTruthKind, Grouping, Protocol, tables::ThesisTable};
+use strat_metrics::{
+    GroundTruthKind, Grouping, PostProcessing, Protocol, Suffix, tables::ThesisTable,
+};
+use strat_onnx::metadata::OutputMeaning;
 use strat_splits::Role;
 use strat_store::set::{Content, Count, PreparedSet, Sample};
 
@@ -157,9 +160,42 @@ pub fn plan(
         .tables
         .iter()
         .flat_map(|table| table.protocols().iter().copied())
-        .map(str::to_owned)
-        .collect::<Vec<_>>();
-    for name in of_tables.iter().chain(extra_protocols) {
+        .map(str::to_owned);
+    let names: Vec<String> = of_tables.chain(extra_protocols.iter().cloned()).collect();
+    plan.protocols = protocols_named(&names, content, samples)?;
+    Ok(plan)
+}
+
+/// The tables that show figures under any of these protocols, in thesis order.
+pub fn tables_showing<'a>(protocols: impl IntoIterator<Item = &'a str>) -> Vec<ThesisTable> {
+    let shown = protocols.into_iter().filter_map(ThesisTable::showing);
+    let shown: Vec<ThesisTable> = shown.map(|(table, _)| table).collect();
+    let mut tables = ThesisTable::ALL.to_vec();
+    tables.retain(|table| shown.contains(table));
+    tables
+}
+
+/// What to say where [`tables_showing`] finds none.
+#[must_use]
+pub fn no_table_shows(protocols: &[String]) -> String {
+    format!(
+        "no table of the thesis is about {}; the tables are made of rows under kitti2015, semantic, \
+         eigen-80, eigen-50 and make3d-c1",
+        protocols.join(", ")
+    )
+}
+
+/// The protocols of these names or files, each once, all of which the set can serve.
+///
+/// # Errors
+/// There is no such protocol, two differ under one name, or the set lacks what one needs.
+pub fn protocols_named(
+    names: &[String],
+    content: Content,
+    samples: &[Sample],
+) -> Result<Vec<Protocol>, PlanError> {
+    let mut protocols: Vec<Protocol> = Vec::new();
+    for name in names {
         let protocol = crate::protocol_file::resolve(name)
             .map_err(|error| PlanError::Protocol(error.to_string()))?;
         let (truth, remedy, has): (_, _, fn(&Sample) -> bool) = match protocol.ground_truth {
@@ -182,15 +218,13 @@ pub fn plan(
                 remedy,
             });
         }
-        if protocol.grouping == Grouping::Cityscapes && !has_labels {
+        if protocol.grouping == Grouping::Cityscapes
+            && !samples.iter().any(|sample| sample.semantic.is_some())
+        {
             return Err(PlanError::NoLabels);
         }
-        match plan
-            .protocols
-            .iter()
-            .find(|known| known.name == protocol.name)
-        {
-            None => plan.protocols.push(protocol),
+        match protocols.iter().find(|known| known.name == protocol.name) {
+            None => protocols.push(protocol),
             // The same one asked for again, perhaps in another order of suffixes.
             Some(known) if *known == protocol => {}
             Some(_) => {
@@ -202,7 +236,50 @@ pub fn plan(
             }
         }
     }
-    Ok(plan)
+    Ok(protocols)
+}
+
+/// The protocols as they apply to predictions of a meaning, and a warning where that makes them
+/// others: what has no scale of its own is scaled by the median of the ground truth.
+#[must_use]
+pub fn protocols_for(
+    name: &str,
+    meaning: OutputMeaning,
+    protocols: &[Protocol],
+) -> (Vec<Protocol>, Option<String>) {
+    if meaning.has_scale() {
+        return (protocols.to_vec(), None);
+    }
+    // What was asked for with the suffix as well is one protocol.
+    let mut scaled: Vec<Protocol> = Vec::new();
+    for protocol in protocols {
+        let protocol = protocol.clone().with(Suffix::Median);
+        if !scaled.contains(&protocol) {
+            scaled.push(protocol);
+        }
+    }
+    let what = match meaning {
+        OutputMeaning::Depth => "depth",
+        _ => "inverse depth",
+    };
+    let warning = format!(
+        "model {name} gives {what} of unknown scale: its predictions are scaled by the \
+         median of the ground truth, and its rows stand in tables of their own"
+    );
+    (scaled, Some(warning))
+}
+
+/// Why predictions that are handed over, and not made here, cannot be measured under a protocol.
+#[must_use]
+pub fn no_mirrored_images(name: &str, protocol: &Protocol) -> Option<String> {
+    (protocol.post_processing == PostProcessing::Flip).then(|| {
+        format!(
+            "predictions {name}: {} needs predictions of mirrored images, which saved ones do not \
+             have; save predictions that are post-processed and evaluate them under the protocol \
+             without",
+            protocol.name
+        )
+    })
 }
 
 /// How many test images there are and should be.

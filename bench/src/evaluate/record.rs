@@ -1,10 +1,16 @@
 //! What a run leaves behind: rows, failures, and `run.yaml`, which says what ran.
 
-use std::{collections::HashMap, path::PathBuf};
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+};
 
 use serde::{Deserialize, Serialize};
-use strat_metrics::{Protocol, Row};
-use strat_store::{set::Content, shard::Shard};
+use strat_metrics::{Protocol, Row, RowContext};
+use strat_store::{
+    set::{Content, Count, Manifest},
+    shard::Shard,
+};
 
 use super::{agreement::Agreement, identity::Identity};
 
@@ -93,6 +99,23 @@ pub struct DataRecord {
     pub prepared_by: String,
 }
 
+impl DataRecord {
+    /// Takes down the set in the folder `path`, with the count of its test images.
+    #[must_use]
+    pub fn new(path: &Path, manifest: &Manifest, count: Count) -> Self {
+        Self {
+            path: path.to_path_buf(),
+            source: manifest.source.clone(),
+            content: manifest.content,
+            split_digest: manifest.split_digest.clone(),
+            data_digest: manifest.data_digest.clone(),
+            test_images_expected: count.expected,
+            test_images_found: count.found,
+            prepared_by: manifest.tool_version.clone(),
+        }
+    }
+}
+
 /// One model of a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ModelRecord {
@@ -169,6 +192,26 @@ impl ModelRecord {
         facts.add("runtime", &self.runtime);
         facts.add("provider", &self.provider);
         facts
+    }
+}
+
+impl ModelRecord {
+    /// What its rows under a protocol share.
+    #[must_use]
+    pub fn context(&self, protocol: &Protocol, manifest: &Manifest) -> RowContext {
+        let metadata = self.metadata.as_ref();
+        RowContext {
+            model: self.name.clone(),
+            model_hash: self.identity.digest(),
+            variant: metadata.and_then(|metadata| metadata.variant.clone()),
+            protocol: protocol.name.clone(),
+            protocol_digest: protocol.digest(),
+            data_digest: manifest.data_digest.clone(),
+            split: manifest.content.to_string(),
+            runtime: self.runtime.clone(),
+            provider: self.provider.clone(),
+            tool_version: TOOL_VERSION.to_owned(),
+        }
     }
 }
 

@@ -11,7 +11,7 @@ use std::{
     time::Instant,
 };
 
-use strat_metrics::{PostProcessing, Protocol, Row, RowContext, Suffix, tables::ThesisTable};
+use strat_metrics::{Protocol, Row, RowContext, tables::ThesisTable};
 use strat_onnx::metadata::OutputMeaning;
 use strat_splits::Role;
 use strat_store::{
@@ -27,7 +27,7 @@ use super::{
     Comparison, Evaluation, GaveUp, NamedFile, Observer, Predictor, Task,
     agreement::Agreement,
     evaluate,
-    findings::{dead, extremes, images_in, unpredicted},
+    findings::{Remark, extremes, images_in, remarks},
     identity::Identity,
     journal::{self, Journal},
     median::{self, MedianDepth},
@@ -232,18 +232,11 @@ impl TableRun<'_> {
                 "predictions {name} do not say what their model was trained on, so leakage cannot be \
                  checked"
             ));
-            let (flipped, protocols): (Vec<Protocol>, Vec<Protocol>) = self
-                .protocols_for(name, saved.meaning())
-                .into_iter()
-                .partition(|protocol| protocol.post_processing == PostProcessing::Flip);
-            for protocol in flipped {
-                self.notes.fail(format!(
-                    "predictions {name}: {} needs predictions of mirrored images, which saved ones do \
-                     not have; save predictions that are post-processed and evaluate them under the \
-                     protocol without",
-                    protocol.name
-                ));
-            }
+            let mut protocols = self.protocols_for(name, saved.meaning());
+            protocols.retain(|protocol| {
+                let refusal = plan::no_mirrored_images(name, protocol);
+                refusal.map(|refusal| self.notes.fail(refusal)).is_none()
+            });
             self.measure(Subject {
                 record: ModelRecord {
                     file: Some(file.clone()),
@@ -288,26 +281,11 @@ impl TableRun<'_> {
 
     /// The protocols of a run as they apply to predictions of this meaning.
     fn protocols_for(&mut self, name: &str, meaning: OutputMeaning) -> Vec<Protocol> {
-        if meaning.has_scale() {
-            return self.protocols.clone();
+        let (protocols, warning) = plan::protocols_for(name, meaning, &self.protocols);
+        if let Some(warning) = warning {
+            self.notes.warn(warning);
         }
-        let what = match meaning {
-            OutputMeaning::Depth => "depth",
-            _ => "inverse depth",
-        };
-        self.notes.warn(format!(
-            "model {name} gives {what} of unknown scale: its predictions are scaled by the \
-             median of the ground truth, and its rows stand in tables of their own"
-        ));
-        // What was asked for with the suffix as well is one protocol.
-        let mut scaled: Vec<Protocol> = Vec::new();
-        for protocol in &self.protocols {
-            let protocol = protocol.clone().with(Suffix::Median);
-            if !scaled.contains(&protocol) {
-                scaled.push(protocol);
-            }
-        }
-        scaled
+        protocols
     }
 
     /// Measures a subject and puts what is found with the rest.
@@ -347,21 +325,12 @@ impl TableRun<'_> {
                 "{name} is refused at the first image: its maps are not what its description says"
             )),
         }
-        if let Some(agreement) = agreement {
-            self.notes.say(&format!("{name}: {}", agreement.text()));
-            for doubt in agreement.doubts() {
-                self.notes.warn(format!("{name}: {doubt}"));
+        for remark in remarks(name, &evaluation.rows, agreement, gives_depth) {
+            match remark {
+                Remark::Figure(text) => self.notes.say(&text),
+                Remark::Note(text) => self.notes.note(&text),
+                Remark::Warning(text) => self.notes.warn(text),
             }
-        }
-        let rows = &evaluation.rows;
-        match unpredicted(name, rows, gives_depth) {
-            // Figures of another set of pixels than those of other models.
-            Some(text) if gives_depth => self.notes.warn(text),
-            Some(text) => self.notes.note(&text),
-            None => {}
-        }
-        if let Some(text) = dead(name, rows).filter(|_| !gives_depth) {
-            self.notes.warn(text);
         }
         self.failures.extend(evaluation.failures);
         self.rows.extend(evaluation.rows);
@@ -375,7 +344,12 @@ impl TableRun<'_> {
         let protocols: Vec<(Protocol, RowContext)> = subject
             .protocols
             .iter()
-            .map(|protocol| (protocol.clone(), self.context(&subject.record, protocol)))
+            .map(|protocol| {
+                (
+                    protocol.clone(),
+                    subject.record.context(protocol, &self.set.manifest),
+                )
+            })
             .collect();
         for protocol in &subject.protocols {
             if !self.used.iter().any(|known| known.name == protocol.name) {
@@ -465,23 +439,6 @@ impl TableRun<'_> {
         Ok(found)
     }
 
-    fn context(&self, record: &ModelRecord, protocol: &Protocol) -> RowContext {
-        let manifest = &self.set.manifest;
-        let metadata = record.metadata.as_ref();
-        RowContext {
-            model: record.name.clone(),
-            model_hash: record.identity.digest(),
-            variant: metadata.and_then(|metadata| metadata.variant.clone()),
-            protocol: protocol.name.clone(),
-            protocol_digest: protocol.digest(),
-            data_digest: manifest.data_digest.clone(),
-            split: manifest.content.to_string(),
-            runtime: record.runtime.clone(),
-            provider: record.provider.clone(),
-            tool_version: record::TOOL_VERSION.to_owned(),
-        }
-    }
-
     fn finish(
         self,
         tables: Vec<ThesisTable>,
@@ -490,21 +447,11 @@ impl TableRun<'_> {
         arguments: Vec<String>,
     ) -> Finished {
         let request = self.request;
-        let manifest = &self.set.manifest;
         let record = RunRecord {
             tool: "bench".to_owned(),
             tool_version: record::TOOL_VERSION.to_owned(),
             arguments,
-            data: DataRecord {
-                path: request.data.to_path_buf(),
-                source: manifest.source.clone(),
-                content: manifest.content,
-                split_digest: manifest.split_digest.clone(),
-                data_digest: manifest.data_digest.clone(),
-                test_images_expected: count.expected,
-                test_images_found: count.found,
-                prepared_by: manifest.tool_version.clone(),
-            },
+            data: DataRecord::new(request.data, &self.set.manifest, count),
             tables: tables.iter().map(ToString::to_string).collect(),
             shard: request.shard,
             device: request.device.to_string(),

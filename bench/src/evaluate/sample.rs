@@ -12,7 +12,7 @@ use strat_store::{
     set::{FileRef, PreparedSet, Sample},
 };
 
-use super::predictions::SavedError;
+use super::predictions::{MapFault, SavedError};
 use crate::model::ModelError;
 
 /// Why one image has no row.
@@ -83,7 +83,10 @@ impl SampleError {
                 ModelError::Implausible { .. }
                     | ModelError::OutputShape { .. }
                     | ModelError::NoOutput { .. }
-            ) | Self::Saved(SavedError::Implausible { .. })
+            ) | Self::Saved(SavedError::Map {
+                fault: MapFault::Implausible(_),
+                ..
+            })
         )
     }
 }
@@ -124,7 +127,10 @@ pub(crate) fn load_labels(set: &PreparedSet, sample: &Sample) -> Result<Vec<u8>,
 }
 
 /// The bytes of a file of the set, which must be those that were prepared.
-pub(crate) fn checked_bytes(set: &PreparedSet, file: &FileRef) -> Result<Vec<u8>, SampleError> {
+///
+/// # Errors
+/// The file cannot be read, or has changed.
+pub fn checked_bytes(set: &PreparedSet, file: &FileRef) -> Result<Vec<u8>, SampleError> {
     let bytes = files::read(&set.path(file))?;
     if files::blake3_hex(&bytes) == file.blake3 {
         Ok(bytes)
@@ -135,37 +141,77 @@ pub(crate) fn checked_bytes(set: &PreparedSet, file: &FileRef) -> Result<Vec<u8>
     }
 }
 
-/// What the set knows of one image besides its picture, read when a protocol first needs it.
+/// What one prediction is compared with.
 pub(super) struct Scene<'a> {
-    set: &'a PreparedSet,
-    pub(super) sample: &'a Sample,
-    truths: Vec<(GroundTruthKind, GroundTruth)>,
+    /// Id of the image.
+    pub(super) image: &'a str,
+    /// Columns and rows of the image.
+    pub(super) size: (usize, usize),
+    truths: Truths<'a>,
+}
+
+/// Where ground truth comes from.
+enum Truths<'a> {
+    /// Files of a set, read when a protocol first needs them.
+    Files {
+        set: &'a PreparedSet,
+        sample: &'a Sample,
+        read: Vec<(GroundTruthKind, GroundTruth)>,
+    },
+    /// Handed over, whatever protocol asks.
+    Given(GroundTruth),
 }
 
 impl<'a> Scene<'a> {
-    pub(super) fn new(set: &'a PreparedSet, sample: &'a Sample) -> Self {
+    /// An image of a set.
+    pub(super) fn of_set(set: &'a PreparedSet, sample: &'a Sample) -> Self {
         Self {
-            set,
-            sample,
-            truths: Vec::new(),
+            image: &sample.id,
+            size: (sample.width as usize, sample.height as usize),
+            truths: Truths::Files {
+                set,
+                sample,
+                read: Vec::new(),
+            },
         }
     }
 
-    /// The ground truth that a protocol compares with, with labels where it groups by them.
-    pub(super) fn needed_by(&mut self, protocol: &Protocol) -> Result<&GroundTruth, SampleError> {
+    /// An image of which nothing but its ground truth, of the image's size, is known.
+    pub(super) fn given(truth: GroundTruth) -> Self {
+        Self {
+            image: "",
+            size: truth.size(),
+            truths: Truths::Given(truth),
+        }
+    }
+
+    /// The ground truth that a protocol compares with, with labels where it groups by them. `None`
+    /// where the protocol is not about this image.
+    pub(super) fn needed_by(
+        &mut self,
+        protocol: &Protocol,
+    ) -> Result<Option<&GroundTruth>, SampleError> {
+        let (set, sample, read) = match &mut self.truths {
+            Truths::Given(truth) => return Ok(Some(truth)),
+            Truths::Files { set, sample, read } => (set, sample, read),
+        };
         let kind = protocol.ground_truth;
-        let known = self.truths.iter().position(|(known, _)| *known == kind);
+        // 45 of the 697 images were never given such depth: no failure, the protocol is about the
+        // other 652 (PROTOCOL 1.2).
+        if kind == GroundTruthKind::Annotated && sample.depth_annotated.is_none() {
+            return Ok(None);
+        }
+        let known = read.iter().position(|(known, _)| *known == kind);
         let index = match known {
             Some(index) => index,
             None => {
-                let truth = load_truth(self.set, self.sample, kind)?;
-                self.truths.push((kind, truth));
-                self.truths.len() - 1
+                read.push((kind, load_truth(set, sample, kind)?));
+                read.len() - 1
             }
         };
-        let truth = &mut self.truths[index].1;
+        let truth = &mut read[index].1;
         if protocol.grouping == Grouping::Cityscapes && !truth.has_labels() {
-            let labels = load_labels(self.set, self.sample)?;
+            let labels = load_labels(set, sample)?;
             truth
                 .set_labels(labels)
                 .map_err(|reason| SampleError::Evaluate {
@@ -173,7 +219,7 @@ impl<'a> Scene<'a> {
                     reason,
                 })?;
         }
-        Ok(truth)
+        Ok(Some(truth))
     }
 }
 
@@ -205,37 +251,52 @@ fn load_truth(
             height: sample.height,
         });
     }
-    // Measured disparities are multiples of 1/256 px, so they come back exactly.
-    let disparity_px: Option<Vec<f32>> = kind.is_stereo().then(|| {
-        let focal_baseline = header.focal_px * header.baseline_m;
-        depth
-            .data
-            .iter()
-            .map(|&depth_m| {
-                if depth_m > 0.0 {
-                    let units = (256.0 * focal_baseline / f64::from(depth_m)).round();
-                    (units / 256.0) as f32
-                } else {
-                    0.0
-                }
-            })
-            .collect()
+    // What made depth out of disparity.
+    let stereo = kind.is_stereo().then_some(StereoCamera {
+        focal_px: header.focal_px,
+        baseline_m: header.baseline_m,
     });
-    let camera = KnownCamera {
-        calibration: StereoCamera {
-            focal_px: sample.focal_px,
-            baseline_m: sample.baseline_m,
-        },
-        // What made depth out of disparity.
-        nominal_focal_px: kind.is_stereo().then_some(header.focal_px),
+    let calibration = StereoCamera {
+        focal_px: sample.focal_px,
+        baseline_m: sample.baseline_m,
     };
-    let size = (depth.width, depth.height);
-    match disparity_px {
-        Some(disparity_px) => GroundTruth::stereo(size, depth.data, disparity_px, camera),
-        None => GroundTruth::new(size, depth.data, camera),
-    }
-    .map_err(|reason| SampleError::GroundTruth {
-        path: file.path.clone(),
-        reason,
+    truth_of_depth((depth.width, depth.height), depth.data, calibration, stereo).map_err(|reason| {
+        SampleError::GroundTruth {
+            path: file.path.clone(),
+            reason,
+        }
     })
+}
+
+/// Depth in metres of a size (columns, rows), 0 where there is none, as ground truth seen by a
+/// calibrated camera. Where the depth was made of disparity, `stereo` is the camera that made it, and
+/// the disparity comes back.
+///
+/// # Errors
+/// A plane of wrong size, and values that are negative or not finite.
+pub fn truth_of_depth(
+    size: (usize, usize),
+    depth_m: Vec<f32>,
+    calibration: StereoCamera,
+    stereo: Option<StereoCamera>,
+) -> Result<GroundTruth, EvaluateError> {
+    let camera = KnownCamera {
+        calibration,
+        nominal_focal_px: stereo.map(|camera| camera.focal_px),
+    };
+    let Some(stereo) = stereo else {
+        return GroundTruth::new(size, depth_m, camera);
+    };
+    let focal_baseline = stereo.focal_px * stereo.baseline_m;
+    // Measured disparities are multiples of 1/256 px, so they come back exactly.
+    let disparity_px = |&depth_m: &f32| {
+        if depth_m > 0.0 {
+            let units = (256.0 * focal_baseline / f64::from(depth_m)).round();
+            (units / 256.0) as f32
+        } else {
+            0.0
+        }
+    };
+    let disparity_px = depth_m.iter().map(disparity_px).collect();
+    GroundTruth::stereo(size, depth_m, disparity_px, camera)
 }

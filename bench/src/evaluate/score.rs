@@ -5,15 +5,10 @@
 
 use image::RgbImage;
 use strat_metrics::{
-    GroundTruth, GroundTruthKind, Grouping, ImageScore, PostProcessing, Protocol, Resize,
-    RowContext,
+    GroundTruth, Grouping, ImageScore, PostProcessing, Protocol, Resize, RowContext,
 };
 use strat_onnx::metadata::OutputMeaning;
-use strat_store::{
-    raster::Plane,
-    resize,
-    set::{PreparedSet, Sample},
-};
+use strat_store::{raster::Plane, resize};
 
 use super::{
     agreement::{self, ImageAgreement},
@@ -102,12 +97,12 @@ pub(super) struct Scored {
 
 /// Scores one prediction under all protocols.
 pub(super) fn score(
-    set: &PreparedSet,
+    mut scene: Scene<'_>,
     protocols: &[(Protocol, RowContext)],
-    sample: &Sample,
     predicted: Predicted,
 ) -> Scored {
-    let (width, height) = (sample.width as usize, sample.height as usize);
+    let (image_id, size) = (scene.image, scene.size);
+    let (width, height) = size;
     let Predicted {
         plain,
         has_scale,
@@ -121,7 +116,6 @@ pub(super) fn score(
     };
     let plain = at_image_size(plain);
     let flipped = flipped.map(at_image_size);
-    let mut scene = Scene::new(set, sample);
     let mut comparison: Option<Comparison> = None;
     let mut agreement = None;
     let scores_whole_images = |protocol: &Protocol| protocol.grouping == Grouping::None;
@@ -129,13 +123,10 @@ pub(super) fn score(
         .iter()
         .any(|(protocol, _)| scores_whole_images(protocol));
     let mut score_under = |protocol: &Protocol, context: &RowContext| {
-        // 45 of the 697 images were never given such depth: no failure, the protocol is about the
-        // other 652 (PROTOCOL 1.2).
-        if protocol.ground_truth == GroundTruthKind::Annotated && sample.depth_annotated.is_none() {
-            return Ok(Vec::new());
-        }
         // What one protocol lacks does not cost the others their rows.
-        let truth = scene.needed_by(protocol)?;
+        let Some(truth) = scene.needed_by(protocol)? else {
+            return Ok(Vec::new());
+        };
         let unscored = |reason| SampleError::Evaluate {
             protocol: protocol.name.clone(),
             reason,
@@ -152,7 +143,7 @@ pub(super) fn score(
         let compared = compared(
             protocol,
             truth,
-            sample,
+            size,
             depth_at_width_m,
             prediction,
             shared.as_ref(),
@@ -201,7 +192,7 @@ pub(super) fn score(
             Err(source) => (Err(unscored(source)), None),
         };
         comparison = Some(Comparison {
-            image: sample.id.clone(),
+            image: image_id.to_owned(),
             input: input.clone(),
             // A laser's grid is coarser than the image.
             predicted: resize::bilinear_f32(&predicted, width, height),
@@ -225,7 +216,7 @@ pub(super) fn score(
 fn compared<'a>(
     protocol: &Protocol,
     truth: &GroundTruth,
-    sample: &Sample,
+    image_size: (usize, usize),
     depth_at_width_m: f32,
     prediction: &Prediction,
     shared: Option<&'a Plane>,
@@ -239,8 +230,7 @@ fn compared<'a>(
         Resize::DisparityBilinear => resize::bilinear_f32(plane, width, height),
         Resize::DepthNearest => nearest(plane, width, height),
     };
-    let as_shared = protocol.resize == Resize::DisparityBilinear
-        && (width, height) == (sample.width as usize, sample.height as usize);
+    let as_shared = protocol.resize == Resize::DisparityBilinear && (width, height) == image_size;
     let resized = match (shared, prediction) {
         (Some(plane), _) if as_shared => Cow::Borrowed(plane),
         (_, Prediction::ConstantDepthM(plane)) => {

@@ -55,23 +55,39 @@ pub fn derived(
     out: &Path,
     wanted: &[ThesisTable],
 ) -> Result<String, WriteError> {
-    let Outcome { record, rows, .. } = outcome;
-    let expected = record.data.test_images_expected;
-    let coverage = Coverage {
-        expected_images: expected,
-        source: Source::from(record.data.source.as_str()),
-    };
-    let entries = write_leaderboard(out, rows, expected)?;
+    let (coverage, rows) = (coverage(outcome), &outcome.rows);
+    let entries = write_leaderboard(out, rows, coverage.expected_images)?;
     let written = write_tables(out, wanted, rows, &coverage)?;
-    let mut texts: Vec<String> = written.iter().map(Table::text).collect();
-    texts.extend(Some(beside_tables(&entries, wanted)).filter(|text| !text.is_empty()));
-    Ok(texts.join("\n"))
+    Ok(joined(&entries, &written, wanted))
+}
+
+/// What [`derived`] returns, without a file.
+///
+/// # Errors
+/// The rows do not fit together.
+pub fn text(outcome: &Outcome, wanted: &[ThesisTable]) -> Result<String, WriteError> {
+    let (coverage, rows) = (coverage(outcome), &outcome.rows);
+    let entries = leaderboard_of(rows, coverage.expected_images)?;
+    let tables = tables_of(wanted, rows, &coverage)?;
+    let tables: Vec<Table> = tables.into_iter().map(|(_, table)| table).collect();
+    Ok(joined(&entries, &tables, wanted))
+}
+
+fn coverage(outcome: &Outcome) -> Coverage {
+    let data = &outcome.record.data;
+    Coverage {
+        expected_images: data.test_images_expected,
+        source: Source::from(data.source.as_str()),
+    }
+}
+
+fn joined(entries: &[leaderboard::Entry], tables: &[Table], wanted: &[ThesisTable]) -> String {
+    let mut texts: Vec<String> = tables.iter().map(Table::text).collect();
+    texts.extend(Some(beside_tables(entries, wanted)).filter(|text| !text.is_empty()));
+    texts.join("\n")
 }
 
 /// Writes the tables in four formats and returns them for printing.
-///
-/// Models that needed median scaling stand in tables of their own (`-median`), since their
-/// figures are not comparable with the others'.
 ///
 /// # Errors
 /// The rows do not fit together, or a file cannot be written.
@@ -82,6 +98,34 @@ pub fn write_tables(
     coverage: &Coverage,
 ) -> Result<Vec<Table>, WriteError> {
     let mut written = Vec::new();
+    for (stem, table) in tables_of(tables, rows, coverage)? {
+        for (extension, text) in [
+            ("txt", table.text()),
+            ("md", table.markdown()),
+            ("tex", table.latex()),
+            ("csv", table.csv()?),
+        ] {
+            let path = out.join(format!("{stem}.{extension}"));
+            files::write_atomic(&path, text.as_bytes())?;
+        }
+        written.push(table);
+    }
+    Ok(written)
+}
+
+/// The tables, each with the name of its file without extension.
+///
+/// Models that needed median scaling stand in tables of their own (`-median`), since their
+/// figures are not comparable with the others'.
+///
+/// # Errors
+/// The rows do not fit together.
+pub fn tables_of(
+    tables: &[ThesisTable],
+    rows: &[Row],
+    coverage: &Coverage,
+) -> Result<Vec<(String, Table)>, TableError> {
+    let mut made = Vec::new();
     for &id in tables {
         let any = |names: &[String]| rows.iter().any(|row| names.contains(&row.context.protocol));
         let mut scales: Vec<Scale> = Scale::ALL
@@ -99,28 +143,33 @@ pub fn write_tables(
                 scale.suffix()
             );
             let protocols: Vec<&str> = protocols.iter().map(String::as_str).collect();
-            let table = tables::build_with(id, &protocols, rows, coverage)?;
-            for (extension, text) in [
-                ("txt", table.text()),
-                ("md", table.markdown()),
-                ("tex", table.latex()),
-                ("csv", table.csv()?),
-            ] {
-                let path = out.join(format!("{stem}.{extension}"));
-                files::write_atomic(&path, text.as_bytes())?;
-            }
-            written.push(table);
+            made.push((stem, tables::build_with(id, &protocols, rows, coverage)?));
         }
     }
-    Ok(written)
+    Ok(made)
 }
 
-/// Writes `leaderboard.csv`: the measured lines and the published ones of the same protocols.
+/// Writes `leaderboard.csv` with the lines of [`leaderboard_of`].
 ///
 /// # Errors
 /// The rows do not fit together, or the file cannot be written.
 pub fn write_leaderboard(
     out: &Path,
+    rows: &[Row],
+    expected_images: u64,
+) -> Result<Vec<leaderboard::Entry>, WriteError> {
+    let entries = leaderboard_of(rows, expected_images)?;
+    let mut bytes = Vec::new();
+    leaderboard::write(&entries, &mut bytes)?;
+    files::write_atomic(&out.join("leaderboard.csv"), &bytes)?;
+    Ok(entries)
+}
+
+/// The lines of a leaderboard: the measured ones and the published ones of the same protocols.
+///
+/// # Errors
+/// The rows do not fit together.
+pub fn leaderboard_of(
     rows: &[Row],
     expected_images: u64,
 ) -> Result<Vec<leaderboard::Entry>, WriteError> {
@@ -140,11 +189,7 @@ pub fn write_leaderboard(
             .into_iter()
             .filter(|entry| protocols.contains(&entry.protocol.as_str())),
     );
-    let merged = leaderboard::merge([entries])?;
-    let mut bytes = Vec::new();
-    leaderboard::write(&merged, &mut bytes)?;
-    files::write_atomic(&out.join("leaderboard.csv"), &bytes)?;
-    Ok(merged)
+    Ok(leaderboard::merge([entries])?)
 }
 
 /// Measured lines under protocols that none of the tables shows, as text; empty if there are none.

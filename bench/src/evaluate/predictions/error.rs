@@ -39,27 +39,30 @@ pub enum SavedError {
         /// The predictions.
         path: PathBuf,
     },
-    /// A map with something that is not a number.
-    #[error(
-        "the map in {} is not a number at row {row}, column {column}",
-        path.display()
-    )]
-    NotFinite {
+    /// A map that cannot be scored.
+    #[error("{}: {fault}", path.display())]
+    Map {
         /// The file.
         path: PathBuf,
+        /// What is wrong with it.
+        fault: MapFault,
+    },
+}
+
+/// Why a map, wherever it comes from, cannot be scored.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MapFault {
+    /// Something that is not a number.
+    #[error("the map is not a number at row {row}, column {column}")]
+    NotFinite {
         /// First such row, from 0.
         row: usize,
         /// First such column, from 0.
         column: usize,
     },
-    /// A map that cannot be what the description says.
-    #[error("the map in {} cannot be what its description says: {reason}", path.display())]
-    Implausible {
-        /// The file.
-        path: PathBuf,
-        /// What cannot be.
-        reason: Implausible,
-    },
+    /// It cannot be what it is said to be.
+    #[error("the map cannot be what its description says: {0}")]
+    Implausible(Implausible),
 }
 
 pub(super) fn unusable(path: &Path, reason: impl ToString) -> SavedError {

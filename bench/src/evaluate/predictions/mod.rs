@@ -8,6 +8,6 @@ mod read;
 mod tests;
 mod write;
 
-pub use error::SavedError;
+pub use error::{MapFault, SavedError};
 pub use read::{FOLDER_DESCRIPTION, SavedDescription, SavedPredictions};
 pub use write::{PredictionWriter, SaveError};

@@ -26,9 +26,9 @@ use strat_store::{
     set::{Content, Sample},
 };
 
-use super::error::{SavedError, open, unusable};
+use super::error::{MapFault, SavedError, open, unusable};
 use super::find::{files_of, hash_of, ids_of, indices, members_of};
-use crate::model::{Implausible, Sigmoid, ValueEncoding, plausible};
+use crate::model::{Sigmoid, ValueEncoding, plausible};
 
 /// Description of a folder, in the folder.
 pub const FOLDER_DESCRIPTION: &str = "predictions.yaml";
@@ -87,6 +87,66 @@ impl SavedDescription {
             scale: self.scale,
         }
     }
+
+    /// Makes sure that the description contradicts neither itself nor reason.
+    ///
+    /// # Errors
+    /// It does; a sentence.
+    pub fn check(&self) -> Result<(), String> {
+        self.encoding().check()?;
+        let divisor = self.png_divisor;
+        if divisor > 0.0 && divisor.is_finite() {
+            Ok(())
+        } else {
+            Err(format!(
+                "`png_divisor` must be a positive number, not {divisor}"
+            ))
+        }
+    }
+
+    /// What the numbers of a map are once it was [taken](Self::take).
+    #[must_use]
+    pub fn meaning_taken(&self) -> OutputMeaning {
+        self.encoding().meaning()
+    }
+
+    /// Takes a map as it was predicted: its numbers must be possible; the sigmoid is undone and the
+    /// scale brought in.
+    ///
+    /// # Errors
+    /// It holds NaN, infinity or values that its meaning excludes.
+    pub fn take(&self, mut map: Plane) -> Result<Plane, MapFault> {
+        // Whole pieces without a way out are many values at a time for the processor.
+        let usable = |values: &[f32]| {
+            values
+                .iter()
+                .fold(true, |all, value| all & value.is_finite())
+        };
+        let odd = (!map.data.chunks(1024).all(usable))
+            .then(|| map.data.iter().position(|value| !value.is_finite()));
+        if let Some(first) = odd.flatten() {
+            return Err(MapFault::NotFinite {
+                row: first / map.width,
+                column: first % map.width,
+            });
+        }
+        let encoding = self.encoding();
+        plausible::check_values(&encoding, &map.data, map.width, map.width)
+            .map_err(MapFault::Implausible)?;
+        encoding.apply(&mut map.data);
+        Ok(map)
+    }
+
+    /// Makes sure that a map of this size, columns and rows, can show a whole image of that size.
+    ///
+    /// # Errors
+    /// Its shape is that of something else.
+    pub fn check_size(&self, map: (usize, usize), image: (usize, usize)) -> Result<(), MapFault> {
+        if self.stretched {
+            return Ok(());
+        }
+        plausible::check_saved(map, image).map_err(MapFault::Implausible)
+    }
 }
 
 /// Opened predictions.
@@ -142,16 +202,7 @@ impl SavedPredictions {
             });
         }
         let description: SavedDescription = strat_store::yaml::load(&yaml)?;
-        let divisor = description.png_divisor;
-        let checked = description.encoding().check().and_then(|()| {
-            if divisor > 0.0 && divisor.is_finite() {
-                Ok(())
-            } else {
-                Err(format!(
-                    "`png_divisor` must be a positive number, not {divisor}"
-                ))
-            }
-        });
+        let checked = description.check();
         checked.map_err(|reason| unusable(&yaml, reason))?;
         let members = match description.array {
             None => members_of(path, samples)?,
@@ -196,7 +247,7 @@ impl SavedPredictions {
     /// What the numbers of [`map`](Self::map) are.
     #[must_use]
     pub fn meaning(&self) -> OutputMeaning {
-        self.description.encoding().meaning()
+        self.description.meaning_taken()
     }
 
     /// The map of one image.
@@ -207,7 +258,7 @@ impl SavedPredictions {
         let missing = || SavedError::Missing {
             path: self.path.clone(),
         };
-        let (path, mut plane) = match &self.maps {
+        let (path, plane) = match &self.maps {
             Maps::Array { planes, indices } => {
                 let index = *indices.get(image).ok_or_else(missing)?;
                 let mut planes = planes.lock().unwrap_or_else(PoisonError::into_inner);
@@ -223,26 +274,9 @@ impl SavedPredictions {
                 (path, self.decode(path)?)
             }
         };
-        // Whole pieces without a way out are many values at a time for the processor.
-        let usable = |values: &[f32]| {
-            values
-                .iter()
-                .fold(true, |all, value| all & value.is_finite())
-        };
-        let odd = (!plane.data.chunks(1024).all(usable))
-            .then(|| plane.data.iter().position(|value| !value.is_finite()));
-        if let Some(first) = odd.flatten() {
-            return Err(SavedError::NotFinite {
-                path: path.clone(),
-                row: first / plane.width,
-                column: first % plane.width,
-            });
-        }
-        let encoding = self.description.encoding();
-        plausible::check_values(&encoding, &plane.data, plane.width, plane.width)
-            .map_err(|reason| self.implausible(path, reason))?;
-        encoding.apply(&mut plane.data);
-        Ok(plane)
+        self.description
+            .take(plane)
+            .map_err(|fault| fault_in(path, fault))
     }
 
     /// The map of one image, which must show the whole image.
@@ -252,15 +286,15 @@ impl SavedPredictions {
     pub fn map_of(&self, sample: &Sample) -> Result<Plane, SavedError> {
         let plane = self.map(&sample.id)?;
         let image = (sample.width as usize, sample.height as usize);
-        if !self.description.stretched {
-            plausible::check_saved((plane.width, plane.height), image).map_err(|reason| {
+        self.description
+            .check_size((plane.width, plane.height), image)
+            .map_err(|fault| {
                 let path = match &self.maps {
                     Maps::Files(files) => files.get(&sample.id),
                     Maps::Array { .. } | Maps::Members(_) => None,
                 };
-                self.implausible(path.unwrap_or(&self.path), reason)
+                fault_in(path.unwrap_or(&self.path), fault)
             })?;
-        }
         Ok(plane)
     }
 
@@ -298,13 +332,6 @@ impl SavedPredictions {
         Err(unusable(path, reason))
     }
 
-    fn implausible(&self, path: &Path, reason: Implausible) -> SavedError {
-        SavedError::Implausible {
-            path: path.to_path_buf(),
-            reason,
-        }
-    }
-
     fn decode(&self, path: &Path) -> Result<Plane, SavedError> {
         let ending = path.extension().and_then(|ending| ending.to_str());
         if ending == Some("npy") {
@@ -326,6 +353,13 @@ impl SavedPredictions {
                 .map(|value| (f64::from(value) / divisor) as f32)
                 .collect(),
         })
+    }
+}
+
+fn fault_in(path: &Path, fault: MapFault) -> SavedError {
+    SavedError::Map {
+        path: path.to_owned(),
+        fault,
     }
 }
 
