@@ -72,6 +72,18 @@ fn crates_use_only_what_the_architecture_allows() {
                 "strat-metrics",
             ],
         ),
+        (
+            "strat-python",
+            &[
+                "strat-splits",
+                "strat-geometry",
+                "strat-store",
+                "strat-onnx",
+                "strat-metrics",
+                "strat-prep",
+                "strat-bench",
+            ],
+        ),
     ]);
     let all = dependencies();
     for (name, uses) in &all {
@@ -96,6 +108,7 @@ fn heavy_libraries_stay_in_their_crate() {
         ("ort", "strat-bench"),
         ("rten", "strat-onnx"),
         ("exr", "strat-store"),
+        ("pyo3", "strat-python"),
     ] {
         let users: Vec<String> = dependencies()
             .into_iter()

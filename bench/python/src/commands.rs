@@ -1,0 +1,24 @@
+//! The commands `prep` and `bench` inside of Python.
+
+use std::ffi::OsString;
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// Runs `prep` or `bench` with its arguments, results on stdout and messages on stderr, and returns
+/// the exit code.
+#[pyfunction]
+pub fn run_command(py: Python<'_>, command: &str, arguments: Vec<OsString>) -> PyResult<u8> {
+    let main: fn(Vec<OsString>) -> u8 = match command {
+        "prep" => |line| strat_prep::cli::main(line),
+        "bench" => |line| strat_bench::cli::main(line),
+        _ => {
+            return Err(PyValueError::new_err(format!(
+                "there is no command \"{command}\" in this package; there are prep and bench"
+            )));
+        }
+    };
+    let mut line = vec![OsString::from(format!("strat {command}"))];
+    line.extend(arguments);
+    Ok(py.detach(|| main(line)))
+}
