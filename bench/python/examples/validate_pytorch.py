@@ -23,7 +23,8 @@ def network():
     for before, after in zip(channels, channels[1:]):
         layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), nn.BatchNorm2d(after), nn.ELU()]
     for before, after in zip(channels[:1:-1], channels[-2:0:-1]):
-        layers += [nn.Upsample(scale_factor=2), nn.Conv2d(before, after, 3, padding=1), nn.BatchNorm2d(after), nn.ELU()]
+        layers += [nn.Upsample(scale_factor=2), nn.Conv2d(before, after, 3, padding=1)]
+        layers += [nn.BatchNorm2d(after), nn.ELU()]
     return nn.Sequential(*layers, nn.Conv2d(16, 1, 3, padding=1), nn.Sigmoid())
 
 
@@ -37,8 +38,7 @@ def loss(net, batch):
     disparity = F.interpolate(predict(net, batch["left"])[:, None], left.shape[2:], mode="bilinear")[:, 0]
     grid = F.affine_grid(torch.eye(2, 3).expand(len(left), 2, 3), left.shape, align_corners=False)
     warped = F.grid_sample(right, grid - torch.stack([2 * disparity, 0 * disparity], -1), align_corners=False)
-    edges = (disparity[:, :, 1:] - disparity[:, :, :-1]).abs().mean() + (disparity[:, 1:] - disparity[:, :-1]).abs().mean()
-    return (warped - left).abs().mean() + edges
+    return (warped - left).abs().mean() + sum(disparity.diff(dim=axis).abs().mean() for axis in (1, 2))
 
 
 def validate(net, data, epoch):
@@ -47,7 +47,7 @@ def validate(net, data, epoch):
     with torch.no_grad():
         for sample in run:
             image = torch.as_tensor(sample.image).permute(2, 0, 1)[None].float()
-            image = F.interpolate(image, (128, 256), mode="area").permute(0, 2, 3, 1)
+            image = F.interpolate(image, (256, 512), mode="area").permute(0, 2, 3, 1)
             run.add(sample.id, predict(net, image)[0])
     net.train()
     return run

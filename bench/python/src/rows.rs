@@ -134,7 +134,12 @@ impl Rows {
 #[pyfunction]
 pub fn read_rows(py: Python<'_>, paths: Vec<PathBuf>) -> PyResult<Rows> {
     py.detach(|| {
-        let rows = compare::read_all(&paths).map_err(raised)?;
+        // Several files are sorted; one keeps its order.
+        let rows = match paths.as_slice() {
+            [only] => compare::read_rows(only),
+            _ => compare::read_all(&paths),
+        };
+        let rows = rows.map_err(raised)?;
         let coverage = match paths.first() {
             Some(first) => leaderboard::coverage_of(first, &rows).map_err(raised)?,
             None => Coverage {

@@ -24,8 +24,14 @@ def needs(word, reason):
     """Skips, or fails where STRAT_REQUIRE names what is lacking."""
     if word in os.environ.get("STRAT_REQUIRE", "").split(","):
         pytest.fail(f"STRAT_REQUIRE names `{word}`: {reason}")
-    print(f"could not run: strat-python needs {word}: {reason}", file=sys.__stderr__)
-    pytest.skip(reason)
+    pytest.skip(f"needs {word}: {reason}")
+
+
+def pytest_terminal_summary(terminalreporter):
+    """The lines that `.ci/run` gathers."""
+    for report in terminalreporter.stats.get("skipped", []):
+        reason = report.longrepr[2].removeprefix("Skipped: ")
+        terminalreporter.write_line(f"could not run: strat-python {report.nodeid}: {reason}")
 
 
 def prepare(data, out):

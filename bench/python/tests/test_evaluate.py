@@ -177,7 +177,7 @@ def test_what_cannot_be_scored_is_refused_in_sentences():
     assert "are these pixels (`meaning: disparity_px`)" in refused(meaning="disparity_fraction", **CAMERA)
     assert "its rows and columns seem to be swapped" in refused(predicted.T)
     assert 'there is no protocol "eigen-81"' in refused(protocol="eigen-81")
-    assert 'there is no meaning "depth"; there are disparity_fraction' in refused(meaning="depth")
+    assert 'there is no meaning "metres"; there are disparity_fraction' in refused(meaning="metres")
     assert "give focal_px" in refused(1 / predicted, meaning="inverse_depth_per_m")
     assert "give both or neither" in refused(1 / predicted, meaning="inverse_depth_per_m", focal_px=700.0)
     no_focal = refused(1 / predicted, meaning="inverse_depth_per_m", focal_px=0.0, baseline_m=0.5)

@@ -73,6 +73,7 @@ pub enum InMemoryError {
         /// Its id.
         image: String,
         /// What is wrong.
+        #[source]
         reason: Box<InMemoryError>,
     },
     /// Images are left.

@@ -71,11 +71,11 @@ class Run:
     ) -> None:
         if isinstance(protocols, str):
             raise ValueError(f'protocols are a list of names; write ["{protocols}"]')
-        wanted = None if protocols is None else list(protocols)
-        self._run = _strat.Run(os.fspath(data), model, wanted, Meaning(meaning, sigmoid, scale, stretched))
         self._threads = threads if threads is not None else min(4, os.cpu_count() or 1)
         if self._threads < 1:
             raise ValueError("at least one thread is needed to read images")
+        wanted = None if protocols is None else list(protocols)
+        self._run = _strat.Run(os.fspath(data), model, wanted, Meaning(meaning, sigmoid, scale, stretched))
 
     def __len__(self) -> int:
         """How many test images there are."""
