@@ -18,6 +18,7 @@ use serde::Serialize;
 use strat_splits::{
     Drive, DriveRole, FrameId, Split, counts, drives, eigen_test, kitti2015_origin,
 };
+use strat_store::inputs::Kind;
 use strat_store::image_files::{self, Codec, DEFAULT_QUALITY};
 use strat_store::layout::SETTINGS;
 use strat_store::{human, layout, resize};
@@ -351,7 +352,7 @@ fn measure(
     });
     let mut originals = Vec::new();
     for source in of_raw.chain(scenes).take(MEASURED) {
-        let bytes = source.read()?;
+        let bytes = source.read(Kind::Image)?;
         // A damaged frame is reported by `prep verify`; it only cannot be measured on.
         if image_files::decode_rgb(&bytes, "").is_ok() {
             originals.push(bytes);

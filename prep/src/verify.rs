@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use strat_geometry::parse_velodyne;
 use strat_splits::{DriveRole, FrameId, Role, Split, drives, kitti2015_origin};
+use strat_store::inputs::Kind;
 use strat_store::layout::{self, FAILURES, MANIFEST, SETTINGS};
 use strat_store::progress::Progress;
 use strat_store::set::{FileRef, PreparedSet};
@@ -179,6 +180,16 @@ enum Form {
     Text,
 }
 
+impl Form {
+    fn kind(self) -> Kind {
+        match self {
+            Self::Picture | Self::Gray16 => Kind::Image,
+            Self::Scan => Kind::Scan,
+            Self::Text => Kind::Calibration,
+        }
+    }
+}
+
 /// How closely files are looked at.
 #[derive(Debug, Clone, Copy)]
 pub struct Check {
@@ -303,7 +314,7 @@ fn state_of(source: &Source, form: Form, deep: bool) -> State {
             _ => State::Good,
         };
     }
-    let bytes = match source.read() {
+    let bytes = match source.read(form.kind()) {
         Ok(bytes) if bytes.is_empty() => return State::Truncated("it is empty".to_owned()),
         Ok(bytes) => bytes,
         Err(error) => return State::Unreadable(error.to_string()),
@@ -435,7 +446,7 @@ fn state_in_set(set: &PreparedSet, file: &FileRef, column: &str, deep: bool) -> 
     if !path.is_file() {
         return State::Missing;
     }
-    match files::blake3_file(&path) {
+    match files::blake3_file(&path, Kind::Content) {
         Err(error) => return State::Unreadable(error.to_string()),
         Ok(found) if found != file.blake3 => return State::Changed,
         Ok(_) => {}

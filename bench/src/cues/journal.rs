@@ -10,6 +10,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use strat_store::inputs::{self, Kind};
 use strat_store::files;
 
 use super::{error::CueError, rows::CueRow};
@@ -109,7 +110,7 @@ fn unwritable(path: &Path, source: std::io::Error) -> CueError {
 
 /// The rows of a file up to its last whole line; none if it is not there or something else.
 fn read(path: &Path) -> Vec<CueRow> {
-    let Ok(mut bytes) = std::fs::read(path) else {
+    let Ok(mut bytes) = inputs::read(path, Kind::Table) else {
         return Vec::new();
     };
     let end = bytes.iter().rposition(|&byte| byte == b'\n');

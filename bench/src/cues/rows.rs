@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use strat_store::inputs::{self, Kind};
 use strat_store::files;
 
 /// File name of the rows.
@@ -185,7 +186,7 @@ pub fn write(folder: &Path, rows: &[CueRow]) -> Result<(), RowsError> {
 /// The file is missing, empty, or a line does not fit; the line is named.
 pub fn read(folder: &Path) -> Result<Vec<CueRow>, RowsError> {
     let path = folder.join(ROWS);
-    let bytes = files::read(&path)?;
+    let bytes = inputs::read(&path, Kind::Table)?;
     let rows: Vec<CueRow> = csv::Reader::from_reader(bytes.as_slice())
         .into_deserialize()
         .collect::<Result<_, _>>()

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use image::{ImageFormat, RgbaImage};
 use serde::{Deserialize, Serialize};
+use strat_store::inputs::{self, Kind};
 use strat_store::{files, yaml};
 
 /// File that describes a folder of sprites.
@@ -320,7 +321,7 @@ pub fn read_folder(folder: &Path) -> Result<Vec<Sprite>, SpriteError> {
         .iter()
         .map(|entry| {
             let path = folder.join(&entry.file);
-            Sprite::decode(&files::read(&path)?, entry, &path)
+            Sprite::decode(&inputs::read(&path, Kind::Image)?, entry, &path)
         })
         .collect::<Result<_, _>>()?;
     if sprites.is_empty() {

@@ -13,6 +13,7 @@ use std::{
 use image::{Rgb, RgbImage};
 use serde::{Deserialize, Serialize};
 use strat_metrics::Row;
+use strat_store::inputs::{self, Kind};
 use strat_store::{files, image_files, raster::Plane};
 
 use super::colour::{NOTHING, blue_to_red, brightest_of, magma};
@@ -92,7 +93,7 @@ pub fn write(out: &Path, model: &str, comparison: &Comparison) -> Result<(), str
 /// The list of pictures of a folder of results; empty where there is none that can be read.
 #[must_use]
 pub fn index(out: &Path) -> Vec<PictureRow> {
-    let Ok(file) = File::open(out.join(FOLDER).join(INDEX)) else {
+    let Ok(file) = inputs::open(&out.join(FOLDER).join(INDEX), Kind::Table) else {
         return Vec::new();
     };
     let rows = csv::Reader::from_reader(file).into_deserialize();

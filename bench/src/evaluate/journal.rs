@@ -15,6 +15,7 @@ use std::{
 };
 
 use strat_metrics::{Row, RowContext, rows};
+use strat_store::inputs::{self, Kind};
 use strat_store::{files, yaml};
 
 use super::identity::Identity;
@@ -133,7 +134,7 @@ impl Journal {
 
 /// The rows of a file up to its last whole line; none if it is not there or something else.
 fn read(path: &Path) -> Vec<Row> {
-    let Ok(mut bytes) = std::fs::read(path) else {
+    let Ok(mut bytes) = inputs::read(path, Kind::Table) else {
         return Vec::new();
     };
     bytes.truncate(

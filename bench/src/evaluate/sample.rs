@@ -7,6 +7,7 @@ use image::RgbImage;
 use strat_metrics::{
     EvaluateError, GroundTruth, GroundTruthKind, Grouping, KnownCamera, Protocol, StereoCamera,
 };
+use strat_store::inputs::{self, Kind};
 use strat_store::{
     exr, files, image_files,
     set::{FileRef, PreparedSet, Sample},
@@ -131,7 +132,8 @@ pub(crate) fn load_labels(set: &PreparedSet, sample: &Sample) -> Result<Vec<u8>,
 /// # Errors
 /// The file cannot be read, or has changed.
 pub fn checked_bytes(set: &PreparedSet, file: &FileRef) -> Result<Vec<u8>, SampleError> {
-    let bytes = files::read(&set.path(file))?;
+    let extension = file.path.rsplit_once('.').map_or("", |(_, e)| e);
+    let bytes = inputs::read(&set.path(file), Kind::of_extension(extension))?;
     if files::blake3_hex(&bytes) == file.blake3 {
         Ok(bytes)
     } else {

@@ -15,6 +15,7 @@ use std::{
 
 use serde::{Deserialize, Serialize};
 use strat_metrics::rows;
+use strat_store::inputs::{self, Kind};
 use strat_store::{
     files,
     shard::{PARTS, Shard},
@@ -242,11 +243,11 @@ fn read(folder: &Path, shard: Shard) -> Result<Part, ShardsError> {
         reason,
     };
     let record: RunRecord = yaml::load(&folder.join(RECORD))?;
-    let bytes = files::read(&folder.join(ROWS))?;
+    let bytes = inputs::read(&folder.join(ROWS), Kind::Table)?;
     let rows = rows::read(bytes.as_slice()).map_err(|e| unusable(ROWS, e.to_string()))?;
-    let images: Vec<ListedImage> = table(&files::read(&folder.join(IMAGES))?)
+    let images: Vec<ListedImage> = table(&inputs::read(&folder.join(IMAGES), Kind::Table)?)
         .map_err(|error| unusable(IMAGES, error.to_string()))?;
-    let failures: Vec<Failure> = match files::read(&folder.join(FAILURES)) {
+    let failures: Vec<Failure> = match inputs::read(&folder.join(FAILURES), Kind::Table) {
         Ok(bytes) => table(&bytes).map_err(|error| unusable(FAILURES, error.to_string()))?,
         Err(error) if error.is_not_found() => Vec::new(),
         Err(error) => return Err(error.into()),

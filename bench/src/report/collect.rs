@@ -7,6 +7,7 @@ use std::{
 };
 
 use strat_metrics::{Row, RowContext, rows, tables::Coverage};
+use strat_store::inputs::{self, Kind};
 use strat_store::{shard::PARTS, yaml};
 
 use crate::{
@@ -161,7 +162,7 @@ fn read(folder: &Path, collected: &mut Collected) -> Result<(), String> {
     let latency = folder.join("latency.csv");
     if latency.is_file() {
         let told = |error: &dyn std::fmt::Display| format!("{}: {error}", latency.display());
-        let file = File::open(&latency).map_err(|error| told(&error))?;
+        let file = inputs::open(&latency, Kind::Table).map_err(|error| error.to_string())?;
         let rows = latency::read_rows(file).map_err(|error| told(&error))?;
         collected.latency.extend(rows);
     }

@@ -10,6 +10,7 @@ use strat_metrics::{
     compare::{PairedTest, TestOptions, compare},
     rows::{self, ModelRows, by_model},
 };
+use strat_store::inputs::{self, Kind};
 use strat_store::files;
 
 /// Why there is no comparison.
@@ -45,7 +46,7 @@ pub enum CompareError {
 /// # Errors
 /// It cannot be read or is no rows file.
 pub fn read_rows(path: &Path) -> Result<Vec<Row>, CompareError> {
-    rows::read(files::read(path)?.as_slice()).map_err(|reason| CompareError::Csv {
+    rows::read(inputs::read(path, Kind::Table)?.as_slice()).map_err(|reason| CompareError::Csv {
         path: path.to_owned(),
         reason,
     })

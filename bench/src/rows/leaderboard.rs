@@ -13,6 +13,7 @@ use strat_metrics::{
     rows::RowsError,
     tables::{Coverage, Source},
 };
+use strat_store::inputs::{self, Kind};
 use strat_store::{files, yaml};
 
 use crate::rows::compare::{CompareError, protocols_of, read_rows};
@@ -86,7 +87,7 @@ pub fn coverage_of(rows_file: &Path, rows: &[Row]) -> Result<Coverage, PublishEr
 /// # Errors
 /// It cannot be read or is none.
 pub fn read(path: &Path) -> Result<Vec<Entry>, PublishError> {
-    leaderboard::read(files::read(path)?.as_slice()).map_err(|reason| PublishError::Csv {
+    leaderboard::read(inputs::read(path, Kind::Table)?.as_slice()).map_err(|reason| PublishError::Csv {
         path: path.to_owned(),
         reason,
     })
@@ -289,8 +290,8 @@ mod tests {
         let changed = verify(&all, &[a.clone(), b]).unwrap();
         assert!(changed.bad[0].contains("abs_rel"), "{changed:?}");
         // A contradiction leaves the file as it was.
-        let before = files::read(&all).unwrap();
+        let before = std::fs::read(&all).unwrap();
         assert!(append(&a, None, &all).is_err());
-        assert_eq!(files::read(&all).unwrap(), before);
+        assert_eq!(std::fs::read(&all).unwrap(), before);
     }
 }

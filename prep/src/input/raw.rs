@@ -3,6 +3,7 @@
 //!
 //! Only names are looked at and calibration files read; no image or scan is opened here.
 
+use strat_store::inputs::Kind;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -297,7 +298,7 @@ impl Day {
                     format!("{name} is missing; it is in the archive <day>_calib.zip")
                 }
             })?;
-            let bytes = file.read().map_err(|e| e.to_string())?;
+            let bytes = file.read(Kind::Calibration).map_err(|e| e.to_string())?;
             // Whatever is not text can only spoil its own line.
             Ok::<_, String>((
                 file.to_string(),

@@ -17,11 +17,8 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use strat_store::image_files;
+use strat_store::inputs::{self, Kind};
 use zip::{CompressionMethod, ZipArchive};
-
-/// Largest entry that is read, in bytes. KITTI's largest are scans of 2 MB; what claims to be far
-/// larger would only fill memory.
-pub const MAX_ENTRY: u64 = 64 << 20;
 
 /// Bytes of a file read at once by [`Source::read_in_pieces`]; whole points of a scan.
 const PIECE: usize = 64 << 10;
@@ -66,33 +63,38 @@ enum Packing {
 }
 
 impl Source {
-    /// The whole content.
+    /// The whole content, which should be of this kind.
     ///
     /// # Errors
-    /// The file cannot be read, or the entry is damaged; the message names it.
-    pub fn read(&self) -> strat_store::Result<Vec<u8>> {
+    /// The file cannot be read, or the entry is damaged, or either is larger than its kind; the message
+    /// names it.
+    pub fn read(&self, kind: Kind) -> strat_store::Result<Vec<u8>> {
         match self {
-            Self::File(path) => strat_store::files::read(path),
-            Self::Entry(entry) => entry.read().map_err(|source| strat_store::Error::Io {
-                action: "read",
-                path: PathBuf::from(self.to_string()),
-                source,
-            }),
+            Self::File(path) => inputs::read(path, kind),
+            Self::Entry(entry) => {
+                let name = PathBuf::from(self.to_string());
+                kind.check(&name, entry.size.max(entry.packed))?;
+                entry.read().map_err(|source| strat_store::Error::Io {
+                    action: "read",
+                    path: name,
+                    source,
+                })
+            }
         }
     }
 
-    /// The whole content in order, piece by piece: of a file, in pieces small enough to stay in the
+    /// The whole content of a scan in order, piece by piece: of a file, in pieces small enough to stay in the
     /// caches until `take` is done with them.
     ///
     /// # Errors
     /// As [`Source::read`]; pieces may have been taken before.
     pub fn read_in_pieces(&self, mut take: impl FnMut(&[u8])) -> strat_store::Result<()> {
         let Self::File(path) = self else {
-            take(&self.read()?);
+            take(&self.read(Kind::Scan)?);
             return Ok(());
         };
+        let mut file = inputs::open(path, Kind::Scan)?;
         let mut pieces = || {
-            let mut file = File::open(path)?;
             let mut piece = vec![0; PIECE];
             loop {
                 match file.read(&mut piece) {
@@ -127,7 +129,7 @@ impl Source {
     pub fn image_size(&self) -> strat_store::Result<(u32, u32)> {
         match self {
             Self::File(path) => image_files::read_size(path),
-            Self::Entry(_) => image_files::decode_size(&self.read()?, &self.to_string()),
+            Self::Entry(_) => image_files::decode_size(&self.read(Kind::Image)?, &self.to_string()),
         }
     }
 
@@ -192,12 +194,6 @@ impl Entry {
                 ));
             }
         }
-        if self.size.max(self.packed) > MAX_ENTRY {
-            return Err(wrong(format!(
-                "it is {} bytes large; no file of KITTI has more than {MAX_ENTRY}",
-                self.size.max(self.packed)
-            )));
-        }
         let mut file = File::open(&self.archive.path)?;
         file.seek(SeekFrom::Start(self.header))?;
         let mut header = [0; LOCAL_HEADER.1];
@@ -246,7 +242,7 @@ fn cut_off(error: io::Error) -> io::Error {
 /// # Errors
 /// It cannot be read or is no whole zip archive, as a sentence that names it.
 pub fn entries(path: &Path, wanted: impl Fn(&str) -> bool) -> Result<Vec<Entry>, String> {
-    let file = File::open(path).map_err(|e| format!("cannot read {}: {e}", path.display()))?;
+    let file = inputs::open(path, Kind::Archive).map_err(|e| e.to_string())?;
     let changed = file.metadata().ok().and_then(|m| changed(&m));
     let damaged = |problem: &dyn fmt::Display| {
         format!(
@@ -344,8 +340,8 @@ mod tests {
         let found = entries(&path, |name| name.contains('.')).unwrap();
         assert_eq!(found.len(), 2);
         let [one, two] = [0, 1].map(|i| Source::Entry(found[i].clone()));
-        assert_eq!(one.read().unwrap(), b"one");
-        assert_eq!(two.read().unwrap(), LONG);
+        assert_eq!(one.read(Kind::Image).unwrap(), b"one");
+        assert_eq!(two.read(Kind::Image).unwrap(), LONG);
         assert_eq!((&*one.extension(), two.len()), ("png", 5000));
         assert_eq!(two.to_string(), format!("{}: a/two.bin", path.display()));
     }
@@ -380,7 +376,7 @@ mod tests {
             let mut bytes = good.clone();
             change(&mut bytes);
             std::fs::write(&path, bytes).unwrap();
-            source.read().unwrap_err().to_string()
+            source.read(Kind::Image).unwrap_err().to_string()
         };
         for (problem, part) in [
             (damaged(&|b| b[45] ^= 0x55), "damaged"),
@@ -412,8 +408,9 @@ mod tests {
         entry.size = 100;
         let problem = entry.read().unwrap_err().to_string();
         assert!(problem.contains("length or checksum differ"), "{problem}");
-        entry.size = MAX_ENTRY + 1;
-        let problem = entry.read().unwrap_err().to_string();
-        assert!(problem.contains("67108865 bytes large"), "{problem}");
+        entry.size = Kind::Scan.largest() + 1;
+        let source = Source::Entry(entry);
+        let problem = source.read(Kind::Scan).unwrap_err().to_string();
+        assert!(problem.contains("a Velodyne scan has at most 64.0 MB"), "{problem}");
     }
 }

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use image::{RgbImage, imageops};
+use strat_store::inputs::Kind;
 use strat_store::image_files;
 use strat_store::layout::{self, Side};
 use strat_store::resize;
@@ -71,7 +72,7 @@ impl SetFiles<'_> {
                 size: (size.0, rows.end - rows.start),
             });
         }
-        let bytes = from.read().map_err(input)?;
+        let bytes = from.read(Kind::Image).map_err(input)?;
         let mut image = image_files::decode_rgb(&bytes, &from.to_string()).map_err(input)?;
         if crop.is_some() {
             image = crop_rows(&image, rows(image.dimensions())?);

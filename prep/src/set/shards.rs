@@ -13,6 +13,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use strat_splits::{FrameId, Role, Split, test_ids, training, validation};
+use strat_store::inputs::{self, Kind};
 use strat_store::files;
 use strat_store::layout::{FAILURES, FRAMES, MANIFEST, SETTINGS, table_name};
 use strat_store::set::{Manifest, PreparedSet};
@@ -158,7 +159,7 @@ fn order_of_split(split: Split) -> Order {
 
 /// Position of every sample in the list that all parts were made from.
 fn order_of_list(parts: &[(Shard, PreparedSet)]) -> std::result::Result<Order, String> {
-    let read = |part: &PreparedSet| files::read(&part.root.join(FRAMES)).map_err(|e| e.to_string());
+    let read = |part: &PreparedSet| inputs::read(&part.root.join(FRAMES), Kind::Table).map_err(|e| e.to_string());
     let Some((first, part)) = parts.first() else {
         return Ok(Order::new());
     };
@@ -225,7 +226,8 @@ fn failures_of(part: &PreparedSet) -> std::result::Result<Vec<Failure>, String> 
         return Ok(Vec::new());
     }
     let damaged = |e: csv::Error| format!("{} is damaged: {e}", path.display());
-    let mut reader = csv::Reader::from_path(&path).map_err(damaged)?;
+    let bytes = inputs::read(&path, Kind::Table).map_err(|e| e.to_string())?;
+    let mut reader = csv::Reader::from_reader(&*bytes);
     let failures: std::result::Result<Vec<Failure>, _> = reader.deserialize().collect();
     failures.map_err(damaged)
 }

@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use strat_store::inputs::{self, Kind};
 use strat_store::claim::{Found, Mark};
 use strat_store::{files, image_files, yaml};
 
@@ -90,9 +91,9 @@ pub(super) fn claim(out: &Path, file: &WorldFile) -> Result<()> {
     }
     let shared = shared_files(out, file.size_divisor);
     for (path, text) in &shared {
-        let foreign = match std::fs::read(path) {
+        let foreign = match inputs::read(path, Kind::Calibration) {
             Ok(there) => there != text.as_bytes(),
-            Err(error) => error.kind() != io::ErrorKind::NotFound,
+            Err(error) => !error.is_not_found(),
         };
         if foreign {
             return Err(refuse(format!(

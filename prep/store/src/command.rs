@@ -131,6 +131,7 @@ mod tests {
     use std::path::{Path, PathBuf};
 
     use super::*;
+    use crate::inputs::{self, Kind};
     use crate::set::PreparedSet;
     use crate::{files, threads};
 
@@ -153,7 +154,7 @@ mod tests {
         std::fs::write(&file, b"").unwrap();
         let no_set = PreparedSet::open(&folder.path().join("none")).unwrap_err();
         let no_folder = files::check_writable(&file).unwrap_err();
-        let no_file = files::read(&folder.path().join("none")).unwrap_err();
+        let no_file = inputs::read(&folder.path().join("none"), Kind::Table).unwrap_err();
         let no_threads = Error::Threads {
             threads: 9,
             reason: String::new(),
@@ -186,7 +187,7 @@ mod tests {
             CliError::from(set("it is empty")),
             CliError::Usage(sentence)
         );
-        let io = files::read(Path::new("/no/such/file")).unwrap_err();
+        let io = inputs::read(Path::new("/no/such/file"), Kind::Table).unwrap_err();
         assert!(
             matches!(CliError::from(io), CliError::Failed(text) if text.contains("/no/such/file"))
         );

@@ -19,6 +19,28 @@ pub enum Error {
         /// The reason given.
         source: io::Error,
     },
+    /// A folder, pipe or device where a file should be.
+    #[error("{} is {found}; {wanted} in a regular file is needed", path.display())]
+    NotAFile {
+        /// What was given.
+        path: PathBuf,
+        /// What it is.
+        found: &'static str,
+        /// What was looked for.
+        wanted: &'static str,
+    },
+    /// A file larger than anything of its kind.
+    #[error("{} has {bytes}, but {wanted} has at most {largest}; is it another kind of file?", path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        bytes: String,
+        /// What was looked for.
+        wanted: &'static str,
+        /// The most that is read.
+        largest: String,
+    },
     /// A folder that results should go to cannot be made or written to.
     #[error("cannot write to the folder {}: {source}", path.display())]
     Unwritable {

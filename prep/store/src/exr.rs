@@ -20,6 +20,7 @@ use exr::prelude::f16;
 
 use crate::error::{Error, Result};
 use crate::files;
+use crate::inputs::{self, Kind, MAX_PIXELS};
 use crate::raster::Plane;
 
 /// Deflate makes at most 1032 bytes of one; no method of the format makes more than this of a
@@ -74,7 +75,7 @@ pub fn encode_depth(depth_m: &Plane, header: &DepthHeader) -> Result<Vec<u8>> {
 /// The file cannot be read, is truncated or no EXR, has no channel `Y`, is not in metres, or
 /// its header is incomplete.
 pub fn read_depth(path: &Path) -> Result<(Plane, DepthHeader)> {
-    decode_depth(&files::read(path)?, path)
+    decode_depth(&inputs::read(path, Kind::Exr)?, path)
 }
 
 /// Decodes the bytes of a depth file; `path` is used in messages.
@@ -257,9 +258,14 @@ fn check_promise(header: &Header, file_bytes: usize) -> std::result::Result<(), 
     let possible = ALWAYS_DECODED.max(file_bytes.saturating_mul(STRONGEST_COMPRESSION));
     let display = header.shared_attributes.display_window.size;
     for Vec2(width, height) in [header.layer_size, display] {
-        let decoded = width
-            .checked_mul(height)
-            .and_then(|pixels| pixels.checked_mul(header.channels.bytes_per_pixel.max(4)));
+        let pixels = width.checked_mul(height);
+        if pixels.is_none_or(|pixels| pixels as u64 > MAX_PIXELS) {
+            return Err(format!(
+                "its header promises {width} x {height} pixels; at most {MAX_PIXELS} are read"
+            ));
+        }
+        let decoded =
+            pixels.and_then(|pixels| pixels.checked_mul(header.channels.bytes_per_pixel.max(4)));
         if decoded.is_none_or(|decoded| decoded > possible) {
             return Err(format!(
                 "its header promises {width} x {height} pixels, more than its {file_bytes} bytes can hold"

@@ -13,11 +13,11 @@ use std::ffi::OsString;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use fs_err as fs;
 use serde::Serialize;
 use tempfile::NamedTempFile;
 
 use crate::error::{Error, Result};
+use crate::inputs::{self, Kind};
 
 /// Prefix of temporary files.
 pub const UNFINISHED_PREFIX: &str = ".unfinished-";
@@ -106,23 +106,6 @@ pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -
     })
 }
 
-/// Copies a file byte by byte; the copy appears whole or not at all.
-///
-/// # Errors
-/// `from` cannot be read or `to` not be written.
-pub fn copy_atomic(from: &Path, to: &Path) -> Result<()> {
-    let mut source = std::fs::File::open(from).map_err(|e| Error::io("read", from, e))?;
-    write_atomic_with(to, |out| io::copy(&mut source, out).map(drop))
-}
-
-/// Reads a whole file.
-///
-/// # Errors
-/// The file cannot be read; the message names it.
-pub fn read(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).map_err(|e| Error::io("read", path, e))
-}
-
 /// Removes a file or a folder with all that is in it; nothing there is as good.
 ///
 /// # Errors
@@ -171,7 +154,8 @@ pub fn remove_leftovers(folder: &Path) -> Result<()> {
             (true, true) => remove(&path)?,
             (true, false) => {
                 // Whoever is writing it holds the lock.
-                let unused = std::fs::File::open(&path).is_ok_and(|file| file.try_lock().is_ok());
+                let unused =
+                    inputs::open(&path, Kind::Archive).is_ok_and(|file| file.try_lock().is_ok());
                 if unused {
                     remove(&path)?;
                 }
@@ -218,14 +202,13 @@ pub fn blake3_hex(bytes: &[u8]) -> String {
 /// BLAKE3 of a file's content in hex.
 ///
 /// # Errors
-/// The file cannot be read.
-pub fn blake3_file(path: &Path) -> Result<String> {
-    let read = || {
-        let mut hasher = blake3::Hasher::new();
-        hasher.update_reader(fs::File::open(path)?)?;
-        Ok(hasher.finalize().to_hex().to_string())
-    };
-    read().map_err(|e| Error::io("read", path, e))
+/// The file cannot be read, or cannot be of its `kind`.
+pub fn blake3_file(path: &Path, kind: Kind) -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    hasher
+        .update_reader(inputs::open(path, kind)?)
+        .map_err(|e| Error::io("read", path, e))?;
+    Ok(hasher.finalize().to_hex().to_string())
 }
 
 fn make_folder(folder: &Path) -> io::Result<()> {
@@ -360,17 +343,16 @@ mod tests {
     }
 
     #[test]
-    fn copies_and_hashes() {
+    fn files_are_hashed() {
         let folder = tempfile::tempdir().unwrap();
-        let (from, to) = (folder.path().join("from"), folder.path().join("deep/to"));
-        std::fs::write(&from, b"abc").unwrap();
-        copy_atomic(&from, &to).unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, b"abc").unwrap();
         // The published test vector of BLAKE3 for "abc".
         let abc = "6437b3ac38465133ffb63b75273a8db548c558465d79db03fd359c6cd5bd9d85";
-        assert_eq!(blake3_file(&to).unwrap(), abc);
+        assert_eq!(blake3_file(&file, Kind::Content).unwrap(), abc);
         assert_eq!(blake3_hex(b"abc"), abc);
 
-        let error = copy_atomic(&folder.path().join("nothing"), &to).unwrap_err();
+        let error = blake3_file(&folder.path().join("nothing"), Kind::Content).unwrap_err();
         assert!(
             error.is_not_found() && error.to_string().contains("nothing"),
             "{error}"

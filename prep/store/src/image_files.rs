@@ -17,7 +17,7 @@ use image::{
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 
 use crate::error::{Error, Result};
-use crate::files;
+use crate::inputs::{self, Kind, MAX_PIXELS};
 
 /// Quality of JPEG where none is asked for.
 pub const DEFAULT_QUALITY: u8 = 92;
@@ -84,7 +84,7 @@ impl FromStr for Codec {
 /// # Errors
 /// The file cannot be read, is truncated or is no image.
 pub fn read_rgb(path: &Path) -> Result<RgbImage> {
-    decode_rgb(&files::read(path)?, &path.display().to_string())
+    decode_rgb(&inputs::read(path, Kind::Image)?, &path.display().to_string())
 }
 
 /// Decodes PNG or JPEG bytes as 8-bit RGB; `name` is used in messages.
@@ -100,7 +100,7 @@ pub fn decode_rgb(bytes: &[u8], name: &str) -> Result<RgbImage> {
 /// # Errors
 /// The file cannot be read, is truncated, no image, or of another pixel type.
 pub fn read_gray16(path: &Path) -> Result<(usize, usize, Vec<u16>)> {
-    decode_gray16(&files::read(path)?, &path.display().to_string())
+    decode_gray16(&inputs::read(path, Kind::Image)?, &path.display().to_string())
 }
 
 /// Decodes the bytes of a single-channel 16-bit PNG; `name` is used in messages.
@@ -123,7 +123,7 @@ pub fn decode_gray16(bytes: &[u8], name: &str) -> Result<(usize, usize, Vec<u16>
 /// # Errors
 /// The file cannot be read, is truncated, no image, or of another pixel type.
 pub fn read_gray8(path: &Path) -> Result<(usize, usize, Vec<u8>)> {
-    decode_gray8(&files::read(path)?, &path.display().to_string())
+    decode_gray8(&inputs::read(path, Kind::Image)?, &path.display().to_string())
 }
 
 /// Decodes the bytes of a single-channel 8-bit PNG; `name` is used in messages.
@@ -146,7 +146,7 @@ pub fn decode_gray8(bytes: &[u8], name: &str) -> Result<(usize, usize, Vec<u8>)>
 /// # Errors
 /// The file cannot be read or does not begin like an image.
 pub fn read_size(path: &Path) -> Result<(u32, u32)> {
-    let file = std::fs::File::open(path).map_err(|e| Error::io("read", path, e))?;
+    let file = inputs::open(path, Kind::Image)?;
     size(BufReader::new(file), &path.display().to_string())
 }
 
@@ -273,15 +273,22 @@ fn decode(bytes: &[u8], name: &str) -> Result<DynamicImage> {
             bytes.len()
         )));
     }
+    let damaged = |error: ImageError| bad(format!("it is damaged ({error})"));
+    let reader = image::ImageReader::with_format(Cursor::new(bytes), format);
+    let mut decoder = reader.into_decoder().map_err(damaged)?;
+    let (width, height) = decoder.dimensions();
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
+        return Err(bad(format!(
+            "it is {width} x {height} pixels large; at most {MAX_PIXELS} are read"
+        )));
+    }
     let decode = || {
-        let reader = image::ImageReader::with_format(Cursor::new(bytes), format);
-        let mut decoder = reader.into_decoder()?;
         let orientation = decoder.orientation()?;
         let mut image = DynamicImage::from_decoder(decoder)?;
         image.apply_orientation(orientation);
         Ok(image)
     };
-    decode().map_err(|error: ImageError| bad(format!("it is damaged ({error})")))
+    decode().map_err(damaged)
 }
 
 /// Whether the end chunk is there.
@@ -476,6 +483,21 @@ mod tests {
                 "{error}"
             );
         }
+        // A header of 100,000 x 100,000 with its checksum, in a file of a few hundred bytes.
+        let mut huge = encode_png_rgb(&picture());
+        let side = 100_000_u32.to_be_bytes();
+        huge[16..20].copy_from_slice(&side);
+        huge[20..24].copy_from_slice(&side);
+        let checksum = {
+            // CRC-32 of PNG (ISO 3309), bit by bit.
+            let shift = |c: u32| (c >> 1) ^ (0xedb8_8320 & 0u32.wrapping_sub(c & 1));
+            let byte = |c: u32, b: &u8| (0..8).fold(c ^ u32::from(*b), |c, _| shift(c));
+            !huge[12..29].iter().fold(u32::MAX, byte)
+        };
+        huge[29..33].copy_from_slice(&checksum.to_be_bytes());
+        let error = decode_rgb(&huge, "x").unwrap_err().to_string();
+        assert!(error.contains("100000 x 100000"), "{error}");
+
         let mut damaged = encode_png_rgb(&picture());
         damaged[60] ^= 0xff;
         assert!(decode_rgb(&damaged, "x").is_err());

@@ -4,6 +4,7 @@
 //! `prep` writes a prepared set, `train` and `bench` read it; this crate alone owns its
 //! format ([`set`], [`layout`]). The parts it is made of can be used one by one: [`image_files`] and
 //! [`resize`] for pictures, [`exr`] for depth, [`npy`] for NumPy's arrays, [`files`] for writing,
+//! [`inputs`] for reading what may be anything,
 //! [`yaml`] for configuration. [`command`] (exit codes, errors, printing), [`progress`], [`human`],
 //! [`threads`], [`shard`] and [`spread`] are what the three commands do alike. It knows nothing
 //! about where data comes from, and no clap.
@@ -15,6 +16,7 @@ pub mod exr;
 pub mod files;
 pub mod human;
 pub mod image_files;
+pub mod inputs;
 pub mod npy;
 pub mod progress;
 pub mod raster;

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use exr::prelude::f16;
 
 use crate::files::Unfinished;
+use crate::inputs::MAX_PIXELS;
 use crate::raster::Plane;
 
 /// A map as read.
@@ -261,6 +262,12 @@ impl Planes {
             ));
         }
         let fortran = match header.fortran_order {
+            true if length > LARGEST_AT_ONCE => {
+                return Err(format!(
+                    "it is in Fortran order and has {length} bytes; above {LARGEST_AT_ONCE}, save it with \
+                     np.ascontiguousarray, so that its maps can be read one by one"
+                ));
+            }
             true => {
                 let mut values = Vec::new();
                 file.seek(SeekFrom::Start(header.start as u64))
@@ -315,7 +322,10 @@ impl Planes {
 }
 
 /// Bytes of a plane above which a header is not believed.
-const LARGEST_PLANE: usize = u32::MAX as usize;
+const LARGEST_PLANE: usize = 8 * MAX_PIXELS as usize;
+
+/// Bytes of an array that is held as a whole.
+const LARGEST_AT_ONCE: u64 = 4_000_000_000;
 
 /// Bytes before the values in the files written here. As NumPy's own, a multiple of 64.
 const HEADER_BYTES: usize = 128;

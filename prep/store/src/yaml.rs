@@ -6,18 +6,58 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::error::{Error, Result};
-use crate::files;
+use crate::inputs::{self, Kind};
+
+/// Most brackets that a text opens.
+const MAX_BRACKETS: usize = 20_000;
+
+/// Most bytes of a text that has aliases.
+const LARGEST_WITH_ALIASES: usize = 16_384;
 
 /// Reads a YAML file. Whether unknown keys are refused is up to `T`.
 ///
 /// # Errors
 /// The file cannot be read or does not fit `T`; the message has key path, line and column.
 pub fn load<T: DeserializeOwned>(path: &Path) -> Result<T> {
-    let bytes = files::read(path)?;
-    serde_yaml::from_slice(&bytes).map_err(|error| Error::Yaml {
+    parse(&inputs::read(path, Kind::Yaml)?).map_err(|problem| Error::Yaml {
         path: path.to_owned(),
-        problem: error.to_string(),
+        problem,
     })
+}
+
+/// A value from YAML text of any origin.
+///
+/// # Errors
+/// The text does not fit `T`, or is nested or repeated beyond what any settings need; the sentence
+/// has key path, line and column.
+pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> std::result::Result<T, String> {
+    check(bytes)?;
+    serde_yaml::from_slice(bytes).map_err(|error| error.to_string())
+}
+
+/// Refuses what the parser would take minutes or gigabytes over: its work grows with the square of
+/// the brackets that are open, and what aliases stand for is repeated up to a hundred times.
+///
+/// What closes brackets is not counted, because whether it lies within a string is known only to
+/// the parser.
+fn check(bytes: &[u8]) -> std::result::Result<(), String> {
+    let brackets = bytes.iter().filter(|b| matches!(b, b'[' | b'{')).count();
+    if brackets > MAX_BRACKETS {
+        return Err(format!(
+            "it opens {brackets} brackets; at most {MAX_BRACKETS} are read"
+        ));
+    }
+    let names = |sign: u8| {
+        let starts = |pair: &[u8]| pair[0] == sign && !pair[1].is_ascii_whitespace();
+        bytes.windows(2).any(starts)
+    };
+    if bytes.len() > LARGEST_WITH_ALIASES && names(b'&') && names(b'*') {
+        return Err(format!(
+            "it has {} bytes and aliases (&name, *name); with them, at most {LARGEST_WITH_ALIASES} are read",
+            bytes.len()
+        ));
+    }
+    Ok(())
 }
 
 /// A value as YAML text.
@@ -33,6 +73,28 @@ mod tests {
     use serde::Deserialize;
 
     use super::*;
+
+    #[test]
+    fn nesting_and_repetition_are_refused_before_they_are_parsed() {
+        type Any = serde_yaml::Value;
+        for open in ["[", "{a: ", "[\"]\", "] {
+            let problem = parse::<Any>(open.repeat(300_000).as_bytes()).unwrap_err();
+            assert!(problem.contains("it opens 300000 brackets"), "{problem}");
+        }
+        // Without brackets, the parser's own limit stands.
+        for open in ["- ", "? "] {
+            let problem = parse::<Any>(open.repeat(300_000).as_bytes()).unwrap_err();
+            assert!(problem.contains("recursion limit"), "{problem}");
+        }
+        let filler = "x, ".repeat(8_000);
+        let repeated = format!("a: &a [{filler}]\nb: [*a, *a, *a]");
+        let problem = parse::<Any>(repeated.as_bytes()).unwrap_err();
+        assert!(problem.contains("aliases"), "{problem}");
+        // Small ones are read, and so are signs that name nothing.
+        let small: Vec<Vec<u8>> = parse(b"[&a [1, 2], *a]").unwrap();
+        assert_eq!(small, [[1, 2], [1, 2]]);
+        assert!(parse::<Any>(format!("a: [{filler}] # 2 & 3 * 4").as_bytes()).is_ok());
+    }
 
     #[derive(Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]

@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 use half::{bf16, f16};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
+use strat_store::inputs::{self, Kind};
 use strat_store::files;
 
 use crate::error::{Error, Result};
@@ -59,7 +60,7 @@ impl InitialWeights {
             reason,
         };
         let bytes =
-            std::fs::read(path).map_err(|error| refuse(format!("it cannot be read ({error})")))?;
+            inputs::read(path, Kind::Weights).map_err(|error| refuse(error.to_string()))?;
         let damaged = |error| refuse(format!("it is not a whole safetensors file ({error})"));
         let file = SafeTensors::deserialize(&bytes).map_err(damaged)?;
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use strat_onnx::metadata::TrainingCamera;
+use strat_store::inputs::{self, Kind};
 use strat_store::files;
 
 use super::checkpoint::{Checkpoint, Checkpoints};
@@ -144,7 +145,7 @@ impl RunFolder {
     }
 
     pub fn info(&self) -> Result<RunInfo> {
-        let bytes = fs_err::read(self.path(RUN))?;
+        let bytes = inputs::read(&self.path(RUN), Kind::Record)?;
         serde_json::from_slice(&bytes).map_err(|error| Error::NoRun {
             folder: self.root.clone(),
             reason: format!("{RUN} is damaged: {error}"),

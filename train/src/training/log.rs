@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::path::Path;
 
+use strat_store::inputs::{self, Kind};
 use strat_store::files;
 
 use super::folder::{EVENTS, PICTURES, RunFolder, SCALARS, VALIDATION};
@@ -121,7 +122,9 @@ impl Table {
         let mut kept = csv::Writer::from_writer(Vec::new());
         kept.write_record(columns)?;
         if path.exists() {
-            let mut before = csv::ReaderBuilder::new().flexible(true).from_path(path)?;
+            let mut before = csv::ReaderBuilder::new()
+                .flexible(true)
+                .from_reader(inputs::open(path, Kind::Table)?);
             for line in before.records() {
                 let line = line?;
                 let step = line.get(0).and_then(|cell| cell.parse().ok());

@@ -1,5 +1,6 @@
 //! Why saved predictions cannot be used, and the two ways in which that is found at once.
 
+use strat_store::inputs::{self, Kind};
 use std::{
     fs::File,
     path::{Path, PathBuf},
@@ -73,12 +74,5 @@ pub(super) fn unusable(path: &Path, reason: impl ToString) -> SavedError {
 }
 
 pub(super) fn open(path: &Path) -> Result<File, SavedError> {
-    File::open(path).map_err(|source| {
-        strat_store::Error::Io {
-            action: "read",
-            path: path.to_path_buf(),
-            source,
-        }
-        .into()
-    })
+    Ok(inputs::open(path, Kind::Maps)?)
 }

@@ -3,6 +3,7 @@
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
+use strat_store::inputs::{self, Kind};
 use strat_store::files;
 use strat_store::set::{Content, Sample};
 
@@ -55,7 +56,7 @@ pub fn ids_of(
 ) -> Result<Vec<String>, SavedError> {
     let list = ids_path(path);
     if list.is_file() {
-        let text = String::from_utf8(files::read(&list)?);
+        let text = String::from_utf8(inputs::read(&list, Kind::Table)?);
         let text = text.map_err(|_| unusable(&list, "it is no text"))?;
         // Editors begin files with a byte order mark and end them with empty lines.
         let text = text.trim_start_matches('\u{feff}').trim_end();
@@ -166,7 +167,7 @@ pub fn hash_of(samples: &[Sample], found: &HashMap<String, PathBuf>) -> Result<S
     let mut lines = String::new();
     for sample in samples {
         if let Some(file) = found.get(&sample.id) {
-            lines += &format!("{} {}\n", sample.id, files::blake3_file(file)?);
+            lines += &format!("{} {}\n", sample.id, files::blake3_file(file, Kind::Content)?);
         }
     }
     Ok(files::blake3_hex(lines.as_bytes()))

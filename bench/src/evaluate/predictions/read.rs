@@ -20,6 +20,7 @@ use std::{
 
 use serde::{Deserialize, Serialize};
 use strat_onnx::metadata::OutputMeaning;
+use strat_store::inputs::{self, Kind};
 use strat_store::{
     exr, files, image_files, npy,
     raster::Plane,
@@ -214,7 +215,7 @@ impl SavedPredictions {
                 let images = samples.iter().map(|sample| sample.id.as_str());
                 let images: Vec<&str> = images.filter(|id| members.contains_key(*id)).collect();
                 let images = images.join("\n");
-                (Maps::Members(members), files::blake3_file(path)?, images)
+                (Maps::Members(members), files::blake3_file(path, Kind::Maps)?, images)
             }
             Some(file) => {
                 let planes = array(path, file, description.array.as_deref())?;
@@ -223,7 +224,7 @@ impl SavedPredictions {
                 let indices = indices(path, ids)?;
                 let planes = Mutex::new(planes);
                 let maps = Maps::Array { planes, indices };
-                (maps, files::blake3_file(path)?, images)
+                (maps, files::blake3_file(path, Kind::Maps)?, images)
             }
             None => {
                 let found = files_of(path, samples)?;
@@ -338,7 +339,7 @@ impl SavedPredictions {
             let mut planes = array(path, open(path)?, None)?;
             return self.only_plane(path, &mut planes);
         }
-        let bytes = files::read(path)?;
+        let bytes = inputs::read(path, Kind::of_extension(ending.unwrap_or("")))?;
         if ending == Some("exr") {
             return exr::decode_channel(&bytes).map_err(|reason| unusable(path, reason));
         }
@@ -397,6 +398,7 @@ fn array(path: &Path, file: File, member: Option<&str>) -> Result<npy::Planes, S
     })?;
     // As long as it says it is, and no longer: a damaged archive must not fill the disk.
     let length = packed.size();
+    Kind::Maps.check(&path.join(&wanted), length)?;
     let mut unpack = || -> std::io::Result<File> {
         let mut unpacked = tempfile::tempfile()?;
         std::io::copy(&mut (&mut packed).take(length), &mut unpacked)?;

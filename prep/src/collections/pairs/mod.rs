@@ -14,6 +14,7 @@ use std::time::SystemTime;
 
 use strat_geometry::depth_from_disparity_px;
 use strat_splits::Role;
+use strat_store::inputs::{self, Kind};
 use strat_store::exr::{self, DepthHeader};
 use strat_store::layout::{self, DepthKind, Side};
 use strat_store::npy::{self, Array};
@@ -62,7 +63,7 @@ pub fn prepare(csv: &Path, shares: Shares, options: &SetOptions) -> Result<Repor
         path: csv.to_owned(),
         problem,
     };
-    let bytes = files::read(csv).map_err(|e| wrong(e.to_string()))?;
+    let bytes = inputs::read(csv, Kind::Table).map_err(|e| wrong(e.to_string()))?;
     let table = list::parse(&bytes, shares).map_err(wrong)?;
     let wide = table
         .rows
@@ -155,8 +156,10 @@ fn ground_truth(
     if let Some(kept) = files.kept(&path, changed)? {
         return Ok(kept);
     }
-    let bytes = from.read().map_err(|e| SampleError::input(from, e))?;
     let extension = from.extension();
+    let bytes = from
+        .read(Kind::of_extension(&extension))
+        .map_err(|e| SampleError::input(from, e))?;
     let Array {
         width,
         height,

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use strat_splits::{Role, Split};
 
 use crate::error::{Error, Result};
+use crate::inputs::{self, Kind};
 use crate::resize::Kernel;
 use crate::{files, yaml};
 
@@ -167,7 +168,7 @@ pub(super) fn load(path: &Path) -> Result<Manifest> {
         path: path.to_owned(),
         problem,
     };
-    let bytes = files::read(path)?;
+    let bytes = inputs::read(path, Kind::Yaml)?;
     let words = match seal_of(&bytes) {
         None => &bytes[..],
         Some((words, seal)) if files::blake3_hex(words) == seal => words,
@@ -179,5 +180,5 @@ pub(super) fn load(path: &Path) -> Result<Manifest> {
             ));
         }
     };
-    serde_yaml::from_slice(words).map_err(|error| wrong(error.to_string()))
+    yaml::parse(words).map_err(wrong)
 }

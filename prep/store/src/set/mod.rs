@@ -20,6 +20,7 @@ use self::layout::table_name;
 pub use self::manifest::{CameraEntry, Content, Count, FORMAT, Manifest};
 pub use self::sample::{FileRef, Sample, check_id};
 use crate::error::{Error, Result};
+use crate::inputs::{self, Kind};
 use crate::{files, yaml};
 
 /// A finished set on disk.
@@ -66,7 +67,7 @@ impl PreparedSet {
         };
         let mut tables = Vec::new();
         for role in Role::ALL {
-            tables.push((role, files::read(&root.join(table_name(role)))?));
+            tables.push((role, inputs::read(&root.join(table_name(role)), Kind::Table)?));
         }
         if data_digest(&tables) != set.manifest.data_digest {
             return Err(Error::DamagedSet {
@@ -86,7 +87,7 @@ impl PreparedSet {
     /// # Errors
     /// The manifest cannot be read.
     pub fn seals_manifest(&self) -> Result<bool> {
-        let bytes = files::read(&self.root.join(MANIFEST))?;
+        let bytes = inputs::read(&self.root.join(MANIFEST), Kind::Yaml)?;
         Ok(manifest::seal_of(&bytes).is_some())
     }
 
@@ -96,7 +97,7 @@ impl PreparedSet {
     /// The table cannot be read or has a bad line, which is named.
     pub fn samples(&self, role: Role) -> Result<Vec<Sample>> {
         let path = self.root.join(table_name(role));
-        table::parse_table(&path, &files::read(&path)?)
+        table::parse_table(&path, &inputs::read(&path, Kind::Table)?)
     }
 
     /// Where a file of the set is.

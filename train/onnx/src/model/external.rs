@@ -4,6 +4,9 @@ use std::path::{Component, Path};
 
 use crate::proto::TensorProto;
 
+/// Most bytes of such a file: the embedded runtime holds it in memory.
+const LARGEST_FILE: u64 = 16_000_000_000;
+
 /// The file, relative to the model's `folder`, that holds a tensor of `wanted` bytes. `constant` names it
 /// in sentences.
 ///
@@ -64,6 +67,11 @@ pub(super) fn location(
         }
         Err(error) => return Err(format!("{}: {error}", file.display())),
     };
+    if size > LARGEST_FILE {
+        return Err(format!(
+            "{constant} is stored in \"{location}\", which has {size} bytes; at most {LARGEST_FILE} are read"
+        ));
+    }
     let (Ok(offset), Ok(length)) = (number("offset"), number("length")) else {
         return Err(format!(
             "{constant} has an offset or length that is not a number"
