@@ -356,6 +356,9 @@ impl Figures<'_> {
         let Some(right) = sample.right_full.as_ref().or(sample.right.as_ref()) else {
             return Ok(None);
         };
+        if model.has_ended() {
+            return Ok(None);
+        }
         let left = load_image(self.set, sample)?;
         let input = model.description.input.clone();
         let Some(disparity) = model.predict_right(&model::prepare_input(&left, &input))? else {

@@ -304,6 +304,9 @@ pub fn predict(
             Ok::<_, MapError>((model::prepare_input(&image, &input), image.dimensions()))
         },
         |_, prepared| {
+            if model.has_ended() {
+                return ControlFlow::Break(());
+            }
             let predict = |(tensor, size): (Vec<f32>, _)| Ok((model.predict(&tensor)?, size));
             ControlFlow::Continue(prepared.and_then(predict))
         },
@@ -338,9 +341,13 @@ pub fn predict(
         },
     );
     if ended.is_break() && tried < jobs.len() {
-        progress.println(&format!(
-            "error: the first {tried} images all failed, the rest was not tried"
-        ));
+        progress.println(&match outcome.written.is_empty() {
+            true => format!("error: the first {tried} images all failed, the rest was not tried"),
+            false => format!(
+                "error: the process of the model is over, {} images were not tried",
+                jobs.len() - tried
+            ),
+        });
         outcome.failed += jobs.len() - tried;
     }
     outcome

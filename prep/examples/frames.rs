@@ -17,6 +17,7 @@ use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use strat_geometry::{CamToCam, DepthAxis, ScanDepth, VeloToCam, velodyne_projection};
 use strat_prep::input::source::Source;
+use strat_store::inputs::{self, Kind};
 use strat_store::resize::{self, Kernel};
 use strat_store::{files, image_files};
 
@@ -66,7 +67,7 @@ fn timed(count: usize, run: impl Fn() -> Result<()>) -> Result<()> {
 }
 
 fn text(path: &Path) -> Result<String> {
-    Ok(String::from_utf8_lossy(&files::read(path)?).into_owned())
+    Ok(String::from_utf8_lossy(&inputs::read(path, Kind::Calibration)?).into_owned())
 }
 
 fn target(file: &Path, out: &Path, ending: &str) -> Result<PathBuf> {

@@ -18,8 +18,8 @@ use serde::Serialize;
 use strat_splits::{
     Drive, DriveRole, FrameId, Split, counts, drives, eigen_test, kitti2015_origin,
 };
-use strat_store::inputs::Kind;
 use strat_store::image_files::{self, Codec, DEFAULT_QUALITY};
+use strat_store::inputs::Kind;
 use strat_store::layout::SETTINGS;
 use strat_store::{human, layout, resize};
 

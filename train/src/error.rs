@@ -191,8 +191,8 @@ impl From<Error> for CliError {
     }
 }
 
-impl From<csv::Error> for Error {
-    fn from(error: csv::Error) -> Self {
+impl From<strat_csv::Error> for Error {
+    fn from(error: strat_csv::Error) -> Self {
         Self::Io(error.to_string())
     }
 }

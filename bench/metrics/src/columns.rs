@@ -14,7 +14,7 @@ use std::str::FromStr;
 pub enum CsvError {
     /// Not CSV, or the reader failed.
     #[error("the CSV cannot be read: {0}")]
-    Csv(#[from] csv::Error),
+    Csv(#[from] strat_csv::Error),
     /// The writer failed.
     #[error("the CSV cannot be written: {0}")]
     Write(#[from] std::io::Error),
@@ -81,7 +81,7 @@ pub(crate) fn read<T>(
     names: &[&'static str],
     parse: impl Fn(&Fields<'_>) -> Result<T, CsvError>,
 ) -> Result<Vec<T>, CsvError> {
-    let mut csv = csv::Reader::from_reader(reader);
+    let mut csv = strat_csv::Reader::new(reader);
     let expected = || names.join(", ");
     let mut indices = BTreeMap::new();
     for (index, name) in csv.headers()?.iter().enumerate() {
@@ -106,7 +106,7 @@ pub(crate) fn read<T>(
     let mut items = Vec::new();
     for record in csv.records() {
         let record = record?;
-        let line = record.position().map_or(0, csv::Position::line);
+        let line = record.position().map_or(0, strat_csv::Position::line);
         items.push(parse(&Fields {
             record: &record,
             indices: &indices,
@@ -118,7 +118,7 @@ pub(crate) fn read<T>(
 
 /// One record with its columns by name.
 pub(crate) struct Fields<'a> {
-    record: &'a csv::StringRecord,
+    record: &'a strat_csv::StringRecord,
     indices: &'a BTreeMap<&'static str, usize>,
     line: u64,
 }

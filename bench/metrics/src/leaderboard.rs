@@ -380,7 +380,7 @@ impl Entry {
 /// # Errors
 /// If the writer fails.
 pub fn write(entries: &[Entry], writer: impl Write) -> Result<(), CsvError> {
-    let mut csv = csv::Writer::from_writer(writer);
+    let mut csv = strat_csv::Writer::new(writer);
     csv.write_record(COLUMNS)?;
     for entry in entries {
         csv.write_record(entry.cells())?;

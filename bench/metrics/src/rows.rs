@@ -126,7 +126,7 @@ impl Row {
 /// # Errors
 /// If the writer fails.
 pub fn write(rows: &[Row], mut writer: impl Write) -> Result<(), CsvError> {
-    let mut csv = csv::Writer::from_writer(&mut writer);
+    let mut csv = strat_csv::Writer::new(&mut writer);
     csv.write_record(COLUMNS)?;
     csv.flush()?;
     drop(csv);
@@ -138,7 +138,7 @@ pub fn write(rows: &[Row], mut writer: impl Write) -> Result<(), CsvError> {
 /// # Errors
 /// If the writer fails.
 pub fn append(rows: &[Row], writer: impl Write) -> Result<(), CsvError> {
-    let mut csv = csv::Writer::from_writer(writer);
+    let mut csv = strat_csv::Writer::new(writer);
     for row in rows {
         csv.write_record(row.cells())?;
     }

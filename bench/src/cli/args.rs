@@ -10,7 +10,7 @@ use crate::{
     evaluate::{NamedFile, plan::TableChoice},
     notes::Notes,
     quantity::StereoCamera,
-    runtime::{Device, Runtime, RuntimeChoice, RuntimeError},
+    runtime::{Device, Runtime, RuntimeChoice, RuntimeError, process::Limits},
 };
 
 /// What runs models; the same for all subcommands that run some.
@@ -22,6 +22,18 @@ pub(super) struct RuntimeArgs {
     /// Inference library; `auto` is ONNX Runtime when it is there, else the embedded one
     #[arg(long, value_enum, default_value_t)]
     pub(super) runtime: RuntimeChoice,
+    /// Gigabytes of memory that the process of a model may take; one that takes more is ended
+    #[arg(long, value_name = "GB", default_value_t = 8.0, value_parser = positive,
+          conflicts_with = "in_process")]
+    max_memory: f64,
+    /// Seconds that a model may take for an image, and ten times as long for loading; one that takes
+    /// more is ended
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = positive,
+          conflicts_with = "in_process")]
+    max_seconds: f64,
+    /// Run models within this process and without limits: one that crashes takes the run with it
+    #[arg(long)]
+    in_process: bool,
     /// No progress and no notes; warnings and errors still show
     #[arg(long)]
     pub(super) quiet: bool,
@@ -35,20 +47,29 @@ impl RuntimeArgs {
             // Not silenced: it says that another program computes than usual.
             Notes::new(false).note(&notice);
         }
-        Ok(runtime)
+        Ok(runtime.isolated(self.limits()))
+    }
+
+    /// What a model may take in a process of its own; `None` where it gets none.
+    pub(super) fn limits(&self) -> Option<Limits> {
+        (!self.in_process).then_some(Limits {
+            memory_bytes: (self.max_memory * 1e9) as u64,
+            seconds: self.max_seconds,
+        })
     }
 }
 
 /// How many threads work; the same for all subcommands that do not measure time.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct ThreadArgs {
-    /// Threads beside the model, for decoding, measuring and writing, and for the model [default:
-    /// all cores]
+    /// Threads beside the model, for decoding, measuring and writing [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Threads within the model [default: as many as --jobs]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
+    /// Threads within the model. Another number can change the last bits of its figures, so the
+    /// default is the same on all machines
+    #[arg(long, value_name = "N", default_value_t = 2,
+          value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: u16,
 }
 
 impl ThreadArgs {
@@ -58,8 +79,8 @@ impl ThreadArgs {
     }
 
     /// The number of threads within a model.
-    pub(super) fn within_model(&self, pool: &rayon::ThreadPool) -> usize {
-        self.threads.map_or(pool.current_num_threads(), usize::from)
+    pub(super) fn within_model(&self) -> usize {
+        usize::from(self.threads)
     }
 }
 

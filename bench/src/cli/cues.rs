@@ -170,7 +170,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
     found.iter().for_each(|note| notes.note(note));
     let open = |given: &NamedFile| {
         let NamedFile { name, file } = given;
-        let threads = args.threads.within_model(&pool);
+        let threads = args.threads.within_model();
         Model::open(name, file, &runtime, args.runtime.device, threads)
     };
     let (mut all_rows, mut records, mut failures, mut journals) = (vec![], vec![], vec![], vec![]);
@@ -181,7 +181,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
                 let outcome = answers.outcome;
                 if outcome.not_tried > 0 {
                     notes.fail(format!(
-                        "model {name}: the first {} attempts all failed, {} were not tried",
+                        "model {name}: {} attempts failed, {} were not tried",
                         outcome.failures.len(),
                         outcome.not_tried
                     ));

@@ -99,7 +99,8 @@ pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result
         extremes: args.extremes,
         runtime: args.runtime.runtime,
         device: args.runtime.device,
-        threads: args.threads.within_model(&pool),
+        limits: args.runtime.limits(),
+        threads: args.threads.within_model(),
         pool: &pool,
         quiet,
     };

@@ -134,7 +134,7 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
     let mut drawn = Vec::new();
     if !models.is_empty() {
         let runtime = args.runtime.resolve()?;
-        let threads = args.threads.within_model(&pool);
+        let threads = args.threads.within_model();
         for NamedFile { name, file } in &models {
             let opened = Model::open(name, file, &runtime, args.runtime.device, threads).and_then(
                 |mut model| {

@@ -12,6 +12,7 @@ mod evaluate;
 mod figures;
 mod latency;
 mod merge;
+mod model_process;
 mod predict;
 mod protocols;
 mod publish;
@@ -27,7 +28,7 @@ use clap::{Args as _, CommandFactory as _, FromArgMatches as _, Parser, Subcomma
 use strat_store::command::{CliError, DONE, USAGE, fail};
 
 use self::evaluate::EvaluateArgs;
-use crate::evaluate::plan::PlanError;
+use crate::{evaluate::plan::PlanError, runtime::process};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -123,6 +124,9 @@ enum Command {
     Render(render::RenderArgs),
     /// Write one HTML page about everything below a folder of results
     Report(report::ReportArgs),
+    /// Run one model for the process that starts this
+    #[command(name = process::COMMAND, hide = true)]
+    ModelProcess(model_process::ModelProcessArgs),
 }
 
 /// The parser of the command line.
@@ -183,6 +187,7 @@ fn run(asked: Asked, arguments: Vec<String>) -> anyhow::Result<u8> {
         Command::VerifyLeaderboard(args) => verify::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Report(args) => report::run(&args),
+        Command::ModelProcess(args) => model_process::run(&args),
     }
 }
 

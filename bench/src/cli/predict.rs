@@ -128,7 +128,7 @@ struct Record<'a> {
 pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
     let jobs = maps::jobs(&args.inputs, &args.out)?;
     let pool = args.threads.pool()?;
-    let threads = args.threads.within_model(&pool);
+    let threads = args.threads.within_model();
     let runtime = args.runtime.resolve()?;
     let name = default_name(&args.model);
     let mut model = Model::open(&name, &args.model, &runtime, args.runtime.device, threads)?;

@@ -10,8 +10,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use strat_store::inputs::{self, Kind};
 use strat_store::files;
+use strat_store::inputs::{self, Kind};
 
 use super::{error::CueError, rows::CueRow};
 use crate::evaluate::record::slug;
@@ -58,18 +58,19 @@ impl Journal {
     /// # Errors
     /// The disk is full or gone.
     pub fn add(&mut self, rows: &[CueRow]) -> Result<(), CueError> {
-        let mut writer = csv::WriterBuilder::new()
-            .has_headers(!self.has_header)
-            .from_writer(Vec::new());
+        let mut writer = match self.has_header {
+            true => strat_csv::Writer::appending(Vec::new()),
+            false => strat_csv::Writer::new(Vec::new()),
+        };
         for row in rows {
             writer
                 .serialize(row)
-                .map_err(|error| unwritable(&self.path, error.into()))?;
+                .map_err(|error| unwritable(&self.path, std::io::Error::other(error)))?;
         }
         self.has_header |= !rows.is_empty();
         let bytes = writer
             .into_inner()
-            .map_err(|error| unwritable(&self.path, error.into_error()))?;
+            .map_err(|error| unwritable(&self.path, error))?;
         // One call of the system for each job, so that its rows stay together.
         self.file
             .write_all(&bytes)
@@ -115,6 +116,7 @@ fn read(path: &Path) -> Vec<CueRow> {
     };
     let end = bytes.iter().rposition(|&byte| byte == b'\n');
     bytes.truncate(end.map_or(0, |end| end + 1));
-    let rows = csv::Reader::from_reader(bytes.as_slice()).into_deserialize();
-    rows.collect::<Result<_, _>>().unwrap_or_default()
+    strat_csv::Reader::new(bytes.as_slice())
+        .deserialize()
+        .unwrap_or_default()
 }

@@ -214,6 +214,9 @@ pub fn run<E>(
         pool,
         |job| prepare(cast, &backgrounds[job.background], job, &input),
         |_, Prepared { tensors, masks }| {
+            if model.has_ended() {
+                return ControlFlow::Break(None);
+            }
             let asked = Instant::now();
             let maps = tensors.iter().map(|tensor| model.predict(tensor));
             let maps = maps.collect::<Result<_, _>>();

@@ -6,8 +6,8 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use strat_store::inputs::{self, Kind};
 use strat_store::files;
+use strat_store::inputs::{self, Kind};
 
 /// File name of the rows.
 pub const ROWS: &str = "cues.csv";
@@ -162,7 +162,7 @@ pub enum RowsError {
         /// The file.
         path: String,
         /// What is wrong and where.
-        source: csv::Error,
+        source: strat_csv::Error,
     },
     /// There is nothing in it.
     #[error("{path} has no rows; run `bench cues` with a model first")]
@@ -187,9 +187,8 @@ pub fn write(folder: &Path, rows: &[CueRow]) -> Result<(), RowsError> {
 pub fn read(folder: &Path) -> Result<Vec<CueRow>, RowsError> {
     let path = folder.join(ROWS);
     let bytes = inputs::read(&path, Kind::Table)?;
-    let rows: Vec<CueRow> = csv::Reader::from_reader(bytes.as_slice())
-        .into_deserialize()
-        .collect::<Result<_, _>>()
+    let rows: Vec<CueRow> = strat_csv::Reader::new(bytes.as_slice())
+        .deserialize()
         .map_err(|source| RowsError::Csv {
             path: path.display().to_string(),
             source,

@@ -203,6 +203,7 @@ impl CueRun<'_> {
         let mut identity = Identity::of_model(model);
         identity.add("runtime", model.runtime());
         identity.add("provider", model.provider());
+        identity.add("threads within the model", &model.threads.to_string());
         identity.add("program", TOOL_VERSION);
         identity.add("prepared set", &self.set.manifest.data_digest);
         identity.add("sizes", &self.scales.to_string());

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use image::{ImageFormat, RgbaImage};
 use serde::{Deserialize, Serialize};
+use strat_store::guard::guarded;
 use strat_store::inputs::{self, Kind};
 use strat_store::{files, yaml};
 
@@ -155,10 +156,11 @@ impl Sprite {
     /// No PNG, no alpha, nothing opaque or nothing transparent, too large, or an entry with a
     /// height or anchor that cannot be.
     pub fn decode(bytes: &[u8], entry: &SpriteEntry, path: &Path) -> Result<Self, SpriteError> {
-        let undecodable = |error: image::ImageError| SpriteError::Decode {
+        let undecodable_because = |reason: String| SpriteError::Decode {
             path: path.to_path_buf(),
-            reason: error.to_string(),
+            reason,
         };
+        let undecodable = |error: image::ImageError| undecodable_because(error.to_string());
         let wrong = |problem: String| SpriteError::Entry {
             path: path.to_path_buf(),
             problem,
@@ -179,8 +181,10 @@ impl Sprite {
                 height,
             });
         }
-        let image =
-            image::load_from_memory_with_format(bytes, ImageFormat::Png).map_err(undecodable)?;
+        let image = guarded("the image decoder", || {
+            image::load_from_memory_with_format(bytes, ImageFormat::Png)
+        });
+        let image = image.map_err(undecodable_because)?.map_err(undecodable)?;
         let alpha = |problem| SpriteError::Alpha {
             path: path.to_path_buf(),
             problem,

@@ -5,10 +5,7 @@
 //! drawn three pixels wide to be seen at all. A list beside the pictures ([`INDEX`]) says under which
 //! protocol each was drawn and which Abs Rel its row has.
 
-use std::{
-    fs::File,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage};
 use serde::{Deserialize, Serialize};
@@ -96,8 +93,9 @@ pub fn index(out: &Path) -> Vec<PictureRow> {
     let Ok(file) = inputs::open(&out.join(FOLDER).join(INDEX), Kind::Table) else {
         return Vec::new();
     };
-    let rows = csv::Reader::from_reader(file).into_deserialize();
-    rows.collect::<Result<_, _>>().unwrap_or_default()
+    strat_csv::Reader::new(file)
+        .deserialize()
+        .unwrap_or_default()
 }
 
 /// The picture that shows what a row scored: same model, image, protocol and Abs Rel.

@@ -7,6 +7,7 @@ use resvg::{
     tiny_skia::{Pixmap, Transform},
     usvg::{Options, Tree, fontdb},
 };
+use strat_store::guard::guarded;
 
 /// Why a picture cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -26,13 +27,18 @@ static FONTS: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
 /// # Errors
 /// The text is no SVG or its picture would be too large.
 pub fn png(svg: &str, zoom: f32) -> Result<Vec<u8>, DrawError> {
-    pixels(svg, zoom)?
-        .encode_png()
+    let pixels = pixels(svg, zoom)?;
+    guarded("the PNG encoder", || pixels.encode_png())
+        .map_err(DrawError)?
         .map_err(|error| DrawError(error.to_string()))
 }
 
 /// The same as pixels.
 pub(super) fn pixels(svg: &str, zoom: f32) -> Result<Pixmap, DrawError> {
+    guarded("the drawing library", || draw(svg, zoom)).map_err(DrawError)?
+}
+
+fn draw(svg: &str, zoom: f32) -> Result<Pixmap, DrawError> {
     let options = Options {
         font_family: "DejaVu Sans".to_owned(),
         fontdb: Arc::clone(&FONTS),

@@ -78,13 +78,18 @@ impl Journal {
         contexts: &[RowContext],
         facts: &Identity,
     ) -> Result<(Self, Before), JournalError> {
-        let found = read(path);
+        let mut found = read(path);
         let is_other = |row: &Row| !contexts.contains(&row.context);
-        let changes = found.iter().any(is_other).then(|| {
-            let known: Option<Identity> = yaml::load(&facts_path(path)).ok();
+        let known: Option<Identity> = yaml::load(&facts_path(path)).ok();
+        // Rows do not carry all that they depend on.
+        let changes = (found.iter().any(is_other) || known.as_ref() != Some(facts)).then(|| {
             let changes = known.and_then(|known| known.changes_to(facts));
             changes.unwrap_or_else(|| "it is not known what it was measured with".to_owned())
         });
+        let changes = changes.filter(|_| !found.is_empty());
+        if changes.is_some() {
+            found.clear();
+        }
         let last = found.last().map(|row| row.image.clone());
         let mut by_image: BTreeMap<String, Vec<Row>> = BTreeMap::new();
         for row in found {
@@ -104,8 +109,12 @@ impl Journal {
         let kept: Vec<Row> = by_image.values().flatten().cloned().collect();
         let mut bytes = Vec::new();
         rows::write(&kept, &mut bytes).map_err(failed)?;
-        files::write_atomic(path, &bytes)?;
+        // Rows are of what the facts beside them say, so these come when no other rows are there.
+        if kept.is_empty() {
+            files::remove(path)?;
+        }
         files::write_atomic(&facts_path(path), yaml::to_string(facts)?.as_bytes())?;
+        files::write_atomic(path, &bytes)?;
         let file = File::options().append(true).open(path);
         let file = file.map_err(|error| failed(error.into()))?;
         let journal = Self {

@@ -134,6 +134,8 @@ pub enum GaveUp {
     Failing,
     /// The first image shows that no map is what its description says.
     Refused,
+    /// The process that ran the model is over.
+    Over,
 }
 
 /// The outcome of one predictor.
@@ -169,6 +171,8 @@ enum Ended<E> {
     Failing,
     /// The first image shows that no map is what it is said to be.
     Refused,
+    /// The process that ran the model is over.
+    Over,
     /// The observer wants no more.
     ByObserver(E),
 }
@@ -218,6 +222,7 @@ pub fn evaluate<O: Observer>(
     match ended {
         ControlFlow::Continue(()) => {}
         ControlFlow::Break(Ended::Refused) => outcome.gave_up = Some(GaveUp::Refused),
+        ControlFlow::Break(Ended::Over) => outcome.gave_up = Some(GaveUp::Over),
         ControlFlow::Break(Ended::Failing) => {
             outcome.gave_up = (images < task.samples.len()).then_some(GaveUp::Failing);
         }
@@ -280,6 +285,9 @@ fn run_network<O: Observer>(
         pool,
         |sample| prepare(task, sample, &input),
         |sample, prepared| {
+            if model.has_ended() {
+                return ControlFlow::Break(Ended::Over);
+            }
             let result = prepared.and_then(|prepared| predict(model, prepared, flip));
             if let Ok(Predicted { plain, .. }) = &result {
                 let disparity = match plain {

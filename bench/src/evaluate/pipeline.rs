@@ -54,7 +54,7 @@ pub fn chunk_size(pool: &rayon::ThreadPool) -> usize {
 ///
 /// `prepare` and `score` run on the threads of `pool`; `ask` and `take` on the calling thread, both
 /// in the order of the items. Whichever of the two breaks ends the work, and its value is
-/// returned; results of later items are dropped.
+/// returned; results of later items are dropped, those of earlier ones are still taken.
 pub fn run<I, P, Q, R, B>(
     items: &[I],
     chunk_size: usize,
@@ -112,6 +112,17 @@ where
             take(item, result)?;
         }
         if let Some(why) = broken {
+            let mut scored = Vec::new();
+            pool.install(|| {
+                behind(step, 1)
+                    .par_iter()
+                    .zip(asked)
+                    .map(|(item, answer)| score(item, answer))
+                    .collect_into_vec(&mut scored);
+            });
+            for (item, result) in behind(step, 1).iter().zip(scored) {
+                take(item, result)?;
+            }
             return ControlFlow::Break(why);
         }
     }
@@ -188,7 +199,7 @@ mod tests {
         let (ended, asked, taken) = squares(20, 3, 2, 7, 99);
         assert_eq!(ended, ControlFlow::Break("asked"));
         assert_eq!(asked, (0..7).collect::<Vec<u64>>());
-        // The chunk before the one that broke off was being scored meanwhile.
-        assert_eq!(taken, (0..6).collect::<Vec<u64>>());
+        // Everything that was asked before is scored.
+        assert_eq!(taken, (0..7).collect::<Vec<u64>>());
     }
 }

@@ -141,6 +141,9 @@ pub struct ModelRecord {
     pub runtime: String,
     /// The provider that the graph's nodes were really given to.
     pub provider: String,
+    /// Threads within an operation of it; none where no model ran.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub threads: Option<usize>,
     /// Largest difference to the trainer's own output for the probe image.
     pub probe_max_difference: Option<f32>,
     /// How its depth lies beside the truth as a whole, over the images measured here.
@@ -170,6 +173,7 @@ impl ModelRecord {
             parameters: None,
             runtime: "none".to_owned(),
             provider: "none".to_owned(),
+            threads: None,
             probe_max_difference: None,
             agreement: None,
             images: 0,
@@ -191,6 +195,10 @@ impl ModelRecord {
         };
         facts.add("runtime", &self.runtime);
         facts.add("provider", &self.provider);
+        if let Some(threads) = self.threads {
+            // Sums are divided among threads, and a sum depends on its order.
+            facts.add("threads within the model", &threads.to_string());
+        }
         facts
     }
 }

@@ -13,7 +13,7 @@ use super::{
     record::Outcome,
     shards::ShardsError,
 };
-use crate::runtime::{Device, RuntimeChoice, RuntimeError};
+use crate::runtime::{Device, RuntimeChoice, RuntimeError, process::Limits};
 
 /// What is to be measured, and how.
 #[derive(Debug)]
@@ -44,6 +44,8 @@ pub struct Request<'a> {
     pub runtime: RuntimeChoice,
     /// Where models run.
     pub device: Device,
+    /// What a model may take in a process of its own; `None` runs it in this one.
+    pub limits: Option<Limits>,
     /// Threads within a model.
     pub threads: usize,
     /// Threads beside the model.

@@ -143,6 +143,7 @@ impl TableRun<'_> {
             return Ok(None);
         }
         let (runtime, notice) = Runtime::resolve(request.runtime, request.device)?;
+        let runtime = runtime.isolated(request.limits);
         if let Some(notice) = notice {
             // Not silenced: it says that another program computes than usual.
             Notes::new(false).note(&notice);
@@ -192,6 +193,7 @@ impl TableRun<'_> {
             parameters: Some(model.file.info.parameters),
             runtime: model.runtime().to_owned(),
             provider: model.provider().to_owned(),
+            threads: Some(model.threads),
             probe_max_difference: vetting.probe.map(|result| result.max_difference),
             identity: Identity::of_model(&model),
             ..ModelRecord::new(name, model.file.blake3.clone())
@@ -320,6 +322,9 @@ impl TableRun<'_> {
             Some(GaveUp::Failing) => self.notes.fail(format!(
                 "{name}: the first {} images all failed, the rest was not tried",
                 evaluation.failures.len()
+            )),
+            Some(GaveUp::Over) => self.notes.fail(format!(
+                "{name}: the process that ran it is over, the rest was not tried"
             )),
             Some(GaveUp::Refused) => self.notes.fail(format!(
                 "{name} is refused at the first image: its maps are not what its description says"

@@ -85,11 +85,12 @@ pub fn begin(folder: &Path, order: &[String], shard: Shard) -> Result<(), Shards
     // An earlier record would call a half-measured part complete.
     files::remove(&folder.join(RECORD))?;
     files::write_atomic_with(&folder.join(IMAGES), |file| {
-        let mut csv = csv::Writer::from_writer(file);
+        let mut csv = strat_csv::Writer::new(file);
         for (position, image) in order.iter().enumerate() {
             if shard.has(image) {
                 let image = image.clone();
-                csv.serialize(ListedImage { position, image })?;
+                csv.serialize(ListedImage { position, image })
+                    .map_err(std::io::Error::other)?;
             }
         }
         csv.flush()
@@ -271,6 +272,6 @@ fn read(folder: &Path, shard: Shard) -> Result<Part, ShardsError> {
     })
 }
 
-fn table<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<Vec<T>, csv::Error> {
-    csv::Reader::from_reader(bytes).deserialize().collect()
+fn table<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<Vec<T>, strat_csv::Error> {
+    strat_csv::Reader::new(bytes).deserialize()
 }

@@ -123,7 +123,7 @@ pub struct LatencyRow {
 /// # Errors
 /// The writer fails.
 pub fn write_rows(rows: &[LatencyRow], writer: impl Write) -> io::Result<()> {
-    let mut writer = csv::Writer::from_writer(writer);
+    let mut writer = strat_csv::Writer::new(writer);
     for row in rows {
         writer.serialize(row).map_err(io::Error::other)?;
     }
@@ -134,8 +134,8 @@ pub fn write_rows(rows: &[LatencyRow], writer: impl Write) -> io::Result<()> {
 ///
 /// # Errors
 /// A column is missing or a value is malformed; the message has the line.
-pub fn read_rows(reader: impl Read) -> Result<Vec<LatencyRow>, csv::Error> {
-    csv::Reader::from_reader(reader).deserialize().collect()
+pub fn read_rows(reader: impl Read) -> Result<Vec<LatencyRow>, strat_csv::Error> {
+    strat_csv::Reader::new(reader).deserialize()
 }
 
 /// The rows for a terminal; latencies in milliseconds per query.

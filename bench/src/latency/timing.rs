@@ -6,7 +6,7 @@ use strat_splits::Role;
 use strat_store::{command::error_chain, progress::Progress, set::PreparedSet, spread, threads};
 
 use super::{
-    measure::{Bench, ImageFile, LatencyError, MAX_IMAGES, Measured, Minimum, wall_clock},
+    measure::{Bench, ImageFile, LatencyError, MAX_IMAGES, Measured, Minimum, clock},
     rows::{FORMAT, LatencyRow, Scenario, Stage},
 };
 use crate::{
@@ -123,6 +123,9 @@ impl Timing {
                         error_chain(&error)
                     )),
                 }
+                if model.has_ended() {
+                    break;
+                }
             }
         }
         Ok(())
@@ -162,7 +165,7 @@ impl Timing {
             (file, streaming),
             (file, Scenario::Offline),
         ] {
-            let clock = wall_clock();
+            let clock = clock(model.transport());
             let result = match (stage, scenario) {
                 (Stage::Session, Scenario::Offline) => {
                     bench.time_session(model, batch, offline(batch), clock)?

@@ -9,6 +9,9 @@ use strat_onnx::{
 
 use super::description::{ChannelOrder, InputDescription, Layout};
 
+/// Most pixels of an input: 200 MB for each image on its way.
+const MOST_PIXELS: usize = 1 << 24;
+
 /// Brings an image to the input size and into the input's numbers, `[3, height, width]` or, where
 /// the input is laid out so, `[height, width, 3]`.
 #[must_use]
@@ -74,6 +77,11 @@ pub(super) fn check_input(tensor: &TensorInfo, input: &InputDescription) -> Resu
         ));
     }
     let (height, width) = (input.height as usize, input.width as usize);
+    if height.saturating_mul(width) > MOST_PIXELS {
+        return Err(format!(
+            "its input of {width} x {height} has more than {MOST_PIXELS} pixels"
+        ));
+    }
     let wanted = match input.layout {
         Layout::Nchw => [1, 3, height, width],
         Layout::Nhwc => [1, height, width, 3],

@@ -22,7 +22,7 @@ use strat_onnx::{
 };
 use strat_store::raster::Plane;
 
-use crate::runtime::{Device, Output, Runtime, Session};
+use crate::runtime::{Device, Output, Runtime, Session, process::Transport};
 use description::describe;
 use input::check_input;
 use output::{find, left_plane};
@@ -64,6 +64,8 @@ pub struct Model {
     pub description: Description,
     /// The description stands in a file beside the model, not in the model itself.
     pub is_described_beside: bool,
+    /// Threads within an operation, on which the last bits of its numbers may depend.
+    pub threads: usize,
     input: String,
     output: String,
     session: Session,
@@ -110,6 +112,7 @@ impl Model {
             file,
             description,
             is_described_beside,
+            threads,
             input,
             output,
             session,
@@ -128,6 +131,18 @@ impl Model {
         self.session.provider()
     }
 
+    /// The process of the model has ended: nothing more comes of it.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        self.session.has_ended()
+    }
+
+    /// Time that goes into the way to the process of the model and back; see [`Session::transport`].
+    #[must_use]
+    pub fn transport(&self) -> Transport {
+        self.session.transport()
+    }
+
     /// Runs the check that the trainer left in the file; none when the file has none.
     ///
     /// # Errors
@@ -142,7 +157,9 @@ impl Model {
             return Ok(None);
         };
         let shape = [1, 3, probe.height() as usize, probe.width() as usize];
-        let outputs = self.session.run(&self.input, shape, &probe.image())?;
+        let outputs = self
+            .session
+            .run(&self.input, shape, &probe.image(), &self.output)?;
         let output = find(outputs, &self.output)?;
         Ok(Some(ProbeResult {
             max_difference: probe.max_difference(&output.data)?,
@@ -247,7 +264,7 @@ impl Model {
             Layout::Nchw => [count, 3, height, width],
             Layout::Nhwc => [count, height, width, 3],
         };
-        let outputs = self.session.run(&self.input, shape, input)?;
+        let outputs = self.session.run(&self.input, shape, input, &self.output)?;
         find(outputs, &self.output)
     }
 }

@@ -11,7 +11,6 @@ use strat_metrics::{
     rows::{self, ModelRows, by_model},
 };
 use strat_store::inputs::{self, Kind};
-use strat_store::files;
 
 /// Why there is no comparison.
 #[derive(Debug, thiserror::Error)]
@@ -161,7 +160,7 @@ const HEADER: [&str; 19] = [
 /// The CSV writer's own; none in practice.
 pub fn csv(tests: &[PairedTest]) -> Result<Vec<u8>, strat_metrics::CsvError> {
     let cell = |value: Option<f64>| value.map(|value| value.to_string()).unwrap_or_default();
-    let mut csv = csv::Writer::from_writer(Vec::new());
+    let mut csv = strat_csv::Writer::new(Vec::new());
     csv.write_record(HEADER)?;
     for test in tests {
         csv.write_record([
@@ -188,7 +187,7 @@ pub fn csv(tests: &[PairedTest]) -> Result<Vec<u8>, strat_metrics::CsvError> {
             cell(test.smallest_p),
         ])?;
     }
-    Ok(csv.into_inner().map_err(|error| error.into_error())?)
+    Ok(csv.into_inner()?)
 }
 
 /// The tests for a terminal: one block per pair, a line per metric. Differences are those of the

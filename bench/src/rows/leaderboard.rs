@@ -87,9 +87,11 @@ pub fn coverage_of(rows_file: &Path, rows: &[Row]) -> Result<Coverage, PublishEr
 /// # Errors
 /// It cannot be read or is none.
 pub fn read(path: &Path) -> Result<Vec<Entry>, PublishError> {
-    leaderboard::read(inputs::read(path, Kind::Table)?.as_slice()).map_err(|reason| PublishError::Csv {
-        path: path.to_owned(),
-        reason,
+    leaderboard::read(inputs::read(path, Kind::Table)?.as_slice()).map_err(|reason| {
+        PublishError::Csv {
+            path: path.to_owned(),
+            reason,
+        }
     })
 }
 

@@ -83,6 +83,27 @@ pub enum RuntimeError {
     /// The embedded runtime refused the model or failed to run it.
     #[error(transparent)]
     Embedded(#[from] EmbeddedError),
+    /// What a runtime in another process has said, as a whole sentence.
+    #[error("{reason}")]
+    Told {
+        /// The sentence.
+        reason: String,
+    },
+    /// The process that ran the model is over; nothing more can be asked of it.
+    #[error("{reason}")]
+    Ended {
+        /// Why, as a sentence.
+        reason: String,
+    },
+    /// There is no process for the model.
+    #[error(
+        "a process for the model cannot be started ({reason}); --in-process runs it within this one, \
+         without limits on memory and time"
+    )]
+    NoProcess {
+        /// What the system said.
+        reason: String,
+    },
     /// An output is not a tensor of 32-bit floats.
     #[error("the model's output `{name}` is not a tensor of 32-bit floats: {reason}")]
     NotFloat {

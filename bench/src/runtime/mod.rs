@@ -13,6 +13,7 @@ pub(crate) mod ffi;
 pub mod install;
 pub mod inventory;
 mod onnxruntime;
+pub mod process;
 pub mod search;
 
 use std::{
@@ -21,8 +22,10 @@ use std::{
 };
 
 use strat_onnx::embedded::EmbeddedSession;
+use strat_store::guard::guarded;
 
 use onnxruntime::{Loaded, provider_text, shorten};
+use process::{Limits, Transport, Worker};
 
 pub use device::{Device, ParseDeviceError};
 pub use error::RuntimeError;
@@ -40,9 +43,25 @@ pub enum RuntimeChoice {
     Embedded,
 }
 
+impl RuntimeChoice {
+    /// How it is called on the command line.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Ort => "ort",
+            Self::Embedded => "embedded",
+        }
+    }
+}
+
 /// A runtime that is ready to load models.
 #[derive(Clone, Copy)]
-pub struct Runtime(Kind);
+pub struct Runtime {
+    kind: Kind,
+    /// Models get processes of their own.
+    limits: Option<Limits>,
+}
 
 #[derive(Clone, Copy)]
 enum Kind {
@@ -58,7 +77,7 @@ impl fmt::Debug for Runtime {
 
 impl fmt::Display for Runtime {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0 {
+        match self.kind {
             Kind::OnnxRuntime(loaded) => write!(f, "onnxruntime {}", loaded.version),
             Kind::Embedded => write!(f, "embedded (rten)"),
         }
@@ -79,7 +98,7 @@ impl Runtime {
     ) -> Result<(Self, Option<String>), RuntimeError> {
         if choice == RuntimeChoice::Embedded {
             return match device {
-                Device::Cpu => Ok((Self(Kind::Embedded), None)),
+                Device::Cpu => Ok((Self::within(Kind::Embedded), None)),
                 device => Err(RuntimeError::EmbeddedIsCpuOnly { device }),
             };
         }
@@ -100,10 +119,10 @@ impl Runtime {
                         library: ffi::TENSORRT,
                     });
                 }
-                Ok((Self(Kind::OnnxRuntime(loaded)), None))
+                Ok((Self::within(Kind::OnnxRuntime(loaded)), None))
             }
             Err(reason) if choice == RuntimeChoice::Auto && device == Device::Cpu => Ok((
-                Self(Kind::Embedded),
+                Self::within(Kind::Embedded),
                 Some(match reason {
                     RuntimeError::NotFound { .. } => {
                         "ONNX Runtime was not found; using the slower embedded runtime \
@@ -117,10 +136,21 @@ impl Runtime {
         }
     }
 
+    fn within(kind: Kind) -> Self {
+        Self { kind, limits: None }
+    }
+
+    /// The same, giving each model a process of its own that may take no more than `limits`; `None`
+    /// loads models into this process. The program has to serve [`process::COMMAND`].
+    #[must_use]
+    pub fn isolated(self, limits: Option<Limits>) -> Self {
+        Self { limits, ..self }
+    }
+
     /// The library file, for run records; none for the embedded runtime.
     #[must_use]
     pub fn library(&self) -> Option<&Path> {
-        match self.0 {
+        match self.kind {
             Kind::OnnxRuntime(loaded) => Some(&loaded.library),
             Kind::Embedded => None,
         }
@@ -146,7 +176,21 @@ impl Runtime {
             model: model.to_path_buf(),
             reason,
         };
-        match self.0 {
+        if let Some(limits) = self.limits {
+            let choice = match self.kind {
+                Kind::OnnxRuntime(_) => RuntimeChoice::Ort,
+                Kind::Embedded => RuntimeChoice::Embedded,
+            };
+            let (worker, (runtime, provider, placement)) =
+                Worker::start(choice, model, device, threads, limits)?;
+            return Ok(Session {
+                engine: Engine::Process(Box::new(worker)),
+                runtime,
+                provider,
+                placement,
+            });
+        }
+        match self.kind {
             Kind::Embedded if device != Device::Cpu => {
                 Err(RuntimeError::EmbeddedIsCpuOnly { device })
             }
@@ -162,14 +206,16 @@ impl Runtime {
                 })
             }
             Kind::OnnxRuntime(loaded) => {
-                let session =
-                    onnxruntime::load(loaded, model, device, threads).map_err(|error| {
-                        let mut reason = shorten(error.message());
-                        if device.nvidia().is_some() && reason.contains("Failed to load library") {
-                            reason += "; `bench setup --gpu` installs the CUDA libraries it needs";
-                        }
-                        failed(reason)
-                    })?;
+                let session = guarded("its binding", || {
+                    onnxruntime::load(loaded, model, device, threads)
+                });
+                let session = session.map_err(failed)?.map_err(|error| {
+                    let mut reason = shorten(error.message());
+                    if device.nvidia().is_some() && reason.contains("Failed to load library") {
+                        reason += "; `bench setup --gpu` installs the CUDA libraries it needs";
+                    }
+                    failed(reason)
+                })?;
                 let placement = ffi::providers_of(&session);
                 let provider = provider_text(&placement, device);
                 if !provider.contains(device.provider()) {
@@ -214,7 +260,7 @@ impl Runtime {
                 RuntimeError::Load { reason, .. } => failed(reason),
                 other => other,
             })?;
-        session.run("x", [1, 3, 8, 8], &[0.5; 192])?;
+        session.run("x", [1, 3, 8, 8], &[0.5; 192], "y")?;
         Ok(session.provider)
     }
 }
@@ -246,6 +292,7 @@ pub struct Session {
 enum Engine {
     OnnxRuntime(ort::session::Session),
     Embedded(Box<EmbeddedSession>),
+    Process(Box<Worker>),
 }
 
 impl fmt::Debug for Session {
@@ -288,7 +335,23 @@ impl Session {
         &self.placement
     }
 
-    /// Runs the model on one input tensor `[n, c, h, w]`.
+    /// The process of the model has ended, so that nothing more can be asked of it.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        matches!(&self.engine, Engine::Process(worker) if worker.has_ended())
+    }
+
+    /// Time that goes into handing tensors to the process of the model and back.
+    #[must_use]
+    pub fn transport(&self) -> Transport {
+        match &self.engine {
+            Engine::Process(worker) => worker.transport.clone(),
+            _ => Transport::default(),
+        }
+    }
+
+    /// Runs the model on one input tensor `[n, c, h, w]`. All outputs are named; only the `wanted` one
+    /// need have its values.
     ///
     /// # Errors
     /// The runtime fails, or an output is not a tensor of 32-bit floats.
@@ -297,8 +360,10 @@ impl Session {
         input: &str,
         shape: [usize; 4],
         data: &[f32],
+        wanted: &str,
     ) -> Result<Vec<Output>, RuntimeError> {
         match &mut self.engine {
+            Engine::Process(worker) => worker.run(input, shape, data, wanted),
             Engine::Embedded(session) => Ok(session
                 .run(input, &shape, data)?
                 .into_iter()
@@ -312,7 +377,12 @@ impl Session {
                 };
                 let tensor =
                     ort::value::TensorRef::from_array_view((shape, data)).map_err(failed)?;
-                let outputs = session.run(ort::inputs![input => tensor]).map_err(failed)?;
+                let panicked = |reason: String| RuntimeError::Run {
+                    runtime: runtime.clone(),
+                    reason,
+                };
+                let outputs = guarded("its binding", || session.run(ort::inputs![input => tensor]));
+                let outputs = outputs.map_err(panicked)?.map_err(failed)?;
                 outputs
                     .iter()
                     .map(|(name, value)| {
@@ -329,7 +399,10 @@ impl Session {
                                 .iter()
                                 .map(|&size| usize::try_from(size).unwrap_or(0))
                                 .collect(),
-                            data: data.to_vec(),
+                            data: match name == wanted {
+                                true => data.to_vec(),
+                                false => Vec::new(),
+                            },
                         })
                     })
                     .collect()

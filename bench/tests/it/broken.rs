@@ -5,7 +5,10 @@ use std::path::Path;
 use prost::Message as _;
 use strat_onnx::{
     metadata::ModelMetadata,
-    proto::{AttributeProto, ModelProto, NodeProto, TensorProto, attribute_type, data_type},
+    proto::{
+        AttributeProto, Dimension, GraphProto, ModelProto, NodeProto, TensorProto,
+        TensorShapeProto, TypeProto, ValueInfoProto, attribute_type, data_type, type_proto,
+    },
 };
 
 /// How the network of [`crate::fixtures::network`] is spoilt.
@@ -15,6 +18,10 @@ pub enum Fault {
     MixesBatch,
     /// The output is pressed into a shape, which is known to be impossible only when it runs.
     Reshape([i64; 4]),
+    /// The output is multiplied by one for ever.
+    Loops,
+    /// Numbers for nothing, this many.
+    Fills(i64),
 }
 
 /// Puts a faulty layer behind a network's output.
@@ -50,6 +57,64 @@ pub fn spoil(bytes: &[u8], fault: Fault) -> Vec<u8> {
             let sum = node("Add", &["sound", "mean"], "disparity", Vec::new());
             graph.node.push(sum);
         }
+        Fault::Loops => {
+            graph.initializer.extend([
+                TensorProto {
+                    data_type: Some(data_type::INT64),
+                    int64_data: vec![i64::MAX],
+                    name: Some("trips".to_owned()),
+                    ..TensorProto::default()
+                },
+                TensorProto {
+                    data_type: Some(data_type::BOOL),
+                    int32_data: vec![1],
+                    name: Some("on".to_owned()),
+                    ..TensorProto::default()
+                },
+            ]);
+            let body = GraphProto {
+                name: Some("body".to_owned()),
+                input: vec![
+                    typed("trip", data_type::INT64, Some(Vec::new())),
+                    typed("before", data_type::BOOL, Some(Vec::new())),
+                    typed("value", data_type::FLOAT, None),
+                ],
+                output: vec![
+                    typed("after", data_type::BOOL, Some(Vec::new())),
+                    typed("next", data_type::FLOAT, None),
+                ],
+                node: vec![
+                    node("Identity", &["before"], "after", Vec::new()),
+                    node("Neg", &["value"], "next", Vec::new()),
+                ],
+                ..GraphProto::default()
+            };
+            let body = AttributeProto {
+                name: Some("body".to_owned()),
+                g: Some(body),
+                // GRAPH (AttributeProto.AttributeType).
+                r#type: Some(5),
+                ..AttributeProto::default()
+            };
+            let inputs = ["trips", "on", "sound"];
+            graph
+                .node
+                .push(node("Loop", &inputs, "disparity", vec![body]));
+        }
+        Fault::Fills(count) => {
+            graph.initializer.push(TensorProto {
+                dims: vec![1],
+                data_type: Some(data_type::INT64),
+                int64_data: vec![count],
+                name: Some("count".to_owned()),
+                ..TensorProto::default()
+            });
+            graph.node.extend([
+                node("ConstantOfShape", &["count"], "many", Vec::new()),
+                node("ReduceSum", &["many"], "nothing", Vec::new()),
+                node("Add", &["sound", "nothing"], "disparity", Vec::new()),
+            ]);
+        }
         Fault::Reshape(shape) => {
             graph.initializer.push(TensorProto {
                 dims: vec![4],
@@ -66,6 +131,22 @@ pub fn spoil(bytes: &[u8], fault: Fault) -> Vec<u8> {
         }
     }
     model.encode_to_vec()
+}
+
+/// A value of a subgraph.
+fn typed(name: &str, kind: i32, dims: Option<Vec<Dimension>>) -> ValueInfoProto {
+    let tensor = type_proto::Tensor {
+        elem_type: Some(kind),
+        shape: dims.map(|dim| TensorShapeProto { dim }),
+    };
+    ValueInfoProto {
+        name: Some(name.to_owned()),
+        r#type: Some(TypeProto {
+            value: Some(type_proto::Value::TensorType(tensor)),
+            denotation: None,
+        }),
+        ..ValueInfoProto::default()
+    }
 }
 
 /// Fixes the first dimension of the input and the output at 1.

@@ -168,7 +168,8 @@ impl World {
 
     /// The words of every cue, by model and cue: one where all objects and sizes have the same.
     fn words(&self) -> BTreeMap<(String, String), BTreeSet<String>> {
-        let mut reader = csv::Reader::from_path(self.path("out/summary.csv")).unwrap();
+        let mut reader =
+            strat_csv::Reader::new(fs::File::open(self.path("out/summary.csv")).unwrap());
         let mut words: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
         for record in reader.records() {
             let record = record.unwrap();

@@ -28,7 +28,7 @@ fn onnx_runtime_computes_the_forms_as_recorded() {
         std::fs::write(&path, form.model(*form.opsets.last().unwrap())).unwrap();
         let session = runtime.load(&path, Device::Cpu, 1);
         let outputs =
-            session.and_then(|mut session| session.run("x", shape, &file::values(&form.x, 0)));
+            session.and_then(|mut session| session.run("x", shape, &file::values(&form.x, 0), "y"));
         match outputs {
             Err(error) => wrong.push(format!("{}: {error}", form.name)),
             Ok(outputs) if outputs[0].shape != form.shape => {

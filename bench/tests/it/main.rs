@@ -10,6 +10,7 @@ mod fixtures;
 mod forms;
 mod latency;
 mod predict;
+mod processes;
 mod report;
 mod rows;
 mod runs;

@@ -29,10 +29,7 @@ fn rows(world: &World, out: &str) -> String {
 }
 
 fn lines(path: &Path) -> Vec<Vec<String>> {
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .from_path(path)
-        .unwrap();
+    let mut reader = strat_csv::Reader::without_header(fs::File::open(path).unwrap());
     let records = reader.records();
     records
         .map(|record| record.unwrap().iter().map(str::to_owned).collect())
@@ -134,7 +131,7 @@ fn a_published_line_is_verified_and_a_changed_one_found() {
     let write = |name: &str, column: usize, value: &str| {
         let mut changed = records.clone();
         changed[line][column] = value.to_owned();
-        let mut csv = csv::Writer::from_path(world.path(name)).unwrap();
+        let mut csv = strat_csv::Writer::new(fs::File::create(world.path(name)).unwrap());
         for record in changed {
             csv.write_record(record).unwrap();
         }

@@ -9,12 +9,14 @@ use std::{
 
 use assert_cmd::Command;
 use ndarray::Array3;
+use strat_bench::evaluate::record::RunRecord;
 use strat_onnx::graph::{Filter, Geometry, GraphBuilder};
 use strat_splits::Split;
 use strat_store::{
     exr::{self, DepthHeader},
     image_files,
     raster::Plane,
+    yaml,
 };
 
 use crate::command::{Ran, run, text};
@@ -312,6 +314,11 @@ fn parts_merge_into_the_bytes_of_one_run() {
         .code(1)
         .says("parts 0/3 and 1/3")
         .says("the list of models");
+    let threads = [&asked[..], &["--threads", "1"]].concat();
+    part("1/3", &threads);
+    merge(&world, "parts")
+        .code(1)
+        .says("of model looks, threads within the model was 2 and is 1");
     part("1/3", &asked);
     let merged = merge(&world, "parts");
     merged.code(1).says("failures.csv");
@@ -353,15 +360,40 @@ fn an_interrupted_run_goes_on_and_ends_the_same() {
     journal.truncate(journal.len() - 20);
     fs::create_dir(world.path("again")).unwrap();
     let place = world.path("again/unfinished-looks.csv");
-    fs::write(&place, &journal).unwrap();
+    let record: RunRecord = yaml::load(&world.path("whole/run.yaml")).unwrap();
+    let mut facts = record.models[0].facts();
+    facts.add("bench", &record.tool_version);
+    facts.add("prepared set", &record.data.data_digest);
+    for protocol in &record.protocols {
+        facts.add(&format!("protocol {}", protocol.name), &protocol.digest);
+    }
+    let interrupt = || {
+        fs::write(&place, &journal).unwrap();
+        let facts = yaml::to_string(&facts).unwrap();
+        fs::write(place.with_extension("yaml"), facts).unwrap();
+    };
+    interrupt();
     world
         .bench("all", "again", &asked)
         .code(0)
         .says("3 of 9 images were measured before");
     same_results(&world, "whole", "again");
     assert!(!left_over("again"));
+    // A sum divided among more threads may be another one.
+    interrupt();
+    let threads = [&asked[..], &["--threads", "1"]].concat();
+    world
+        .bench("all", "again", &threads)
+        .code(0)
+        .says("is measured again")
+        .says("threads within the model was 2 and is 1");
+    // Rows of which nobody knows what they were measured with are no rows.
+    interrupt();
+    fs::remove_file(place.with_extension("yaml")).unwrap();
+    let ran = world.bench("all", "again", &asked);
+    assert!(!ran.code(0).err.contains("measured before"), "{}", ran.err);
     // Another model is not mixed in, whatever it is called.
-    fs::write(&place, &journal).unwrap();
+    interrupt();
     let other = write_model(world.folder.path(), "other", 0.05, 0.0, "kitti");
     let renamed = format!("looks={}", text(&other));
     let ran = world.bench("all", "again", &["--model", &renamed]);

@@ -68,7 +68,9 @@ fn both_runtimes_agree() {
             session.runtime(),
             session.provider()
         );
-        let outputs = session.run("image", [1, 3, 32, 64], &image).unwrap();
+        let outputs = session
+            .run("image", [1, 3, 32, 64], &image, "disparity")
+            .unwrap();
         assert_eq!(outputs.len(), 1);
         assert_eq!(outputs[0].name, "disparity");
         assert_eq!(outputs[0].shape, [1, 2, 32, 64]);
@@ -97,12 +99,22 @@ fn a_wrong_input_is_a_sentence_in_both() {
     for choice in choices {
         let (runtime, _) = Runtime::resolve(choice, Device::Cpu).unwrap();
         let mut session = runtime.load(&path, Device::Cpu, 1).unwrap();
-        let error = session.run("image", [1, 3, 16, 64], &vec![0.0; 3 * 16 * 64]);
+        let error = session.run(
+            "image",
+            [1, 3, 16, 64],
+            &vec![0.0; 3 * 16 * 64],
+            "disparity",
+        );
         let text = error.unwrap_err().to_string();
         assert!(text.contains("image"), "{choice:?}: {text}");
         assert!(!text.contains(".cc:"), "{choice:?}: {text}");
         let text = session
-            .run("picture", [1, 3, 32, 64], &vec![0.0; 3 * 32 * 64])
+            .run(
+                "picture",
+                [1, 3, 32, 64],
+                &vec![0.0; 3 * 32 * 64],
+                "disparity",
+            )
             .unwrap_err()
             .to_string();
         eprintln!("{choice:?}: {text}");

@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use strat_splits::Role;
-use strat_store::inputs::Kind;
 use strat_store::image_files;
+use strat_store::inputs::Kind;
 use strat_store::layout::{self, LabelKind, Side};
 use strat_store::set::{Content, FileRef, Sample, check_id};
 
@@ -146,7 +146,9 @@ fn make(files: &SetFiles<'_>, frame: &Frame<Files>) -> SampleResult<Sample> {
         camera,
         labels,
     } = &frame.input;
-    let text = camera.read(Kind::Calibration).map_err(|e| SampleError::input(camera, e))?;
+    let text = camera
+        .read(Kind::Calibration)
+        .map_err(|e| SampleError::input(camera, e))?;
     let (focal_px, baseline_m) =
         parse_camera(&text).map_err(|problem| SampleError::about(camera, problem))?;
     let keep_full = frame.role == Role::Test;

@@ -9,8 +9,8 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use strat_splits::Role;
-use strat_store::inputs::Kind;
 use strat_store::exr::DepthHeader;
+use strat_store::inputs::Kind;
 use strat_store::layout::{self, DepthKind, Side};
 use strat_store::raster::Plane;
 use strat_store::set::{Content, Sample, check_id};
@@ -136,7 +136,9 @@ fn make(files: &SetFiles<'_>, frame: &Frame<Files>) -> SampleResult<Sample> {
     let depth = match files.kept(&path, grid.changed())? {
         Some(kept) => kept,
         None => {
-            let bytes = grid.read(Kind::Matlab).map_err(|e| SampleError::input(grid, e))?;
+            let bytes = grid
+                .read(Kind::Matlab)
+                .map_err(|e| SampleError::input(grid, e))?;
             let depth_m = mat::read(&bytes, VARIABLE)
                 .and_then(|grid| depth(&grid))
                 .map_err(|problem| SampleError::about(grid, problem))?;

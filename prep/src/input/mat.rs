@@ -7,6 +7,7 @@
 use std::io::Read;
 
 use flate2::read::ZlibDecoder;
+use strat_store::guard::guarded;
 
 /// Most bytes a compressed element may inflate to; a Make3D grid takes half a megabyte.
 const MAX_INFLATED: u64 = 64 << 20;
@@ -113,9 +114,8 @@ fn take<'a>(rest: &mut &'a [u8], big_endian: bool) -> Result<Element<'a>, String
 
 fn inflate(data: &[u8]) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
-    ZlibDecoder::new(data)
-        .take(MAX_INFLATED + 1)
-        .read_to_end(&mut bytes)
+    let mut inflate = ZlibDecoder::new(data).take(MAX_INFLATED + 1);
+    guarded("the decompressor", || inflate.read_to_end(&mut bytes))?
         .map_err(|e| format!("its compressed data is damaged ({e})"))?;
     if bytes.len() as u64 > MAX_INFLATED {
         return Err(format!(

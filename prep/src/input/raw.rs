@@ -3,11 +3,11 @@
 //!
 //! Only names are looked at and calibration files read; no image or scan is opened here.
 
-use strat_store::inputs::Kind;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
+use strat_store::inputs::Kind;
 
 use strat_geometry::{CamToCam, VeloToCam, velodyne_projection};
 use strat_splits::{Date, DriveId, FrameId};

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use strat_store::guard::guarded;
 use strat_store::image_files;
 use strat_store::inputs::{self, Kind};
 use zip::{CompressionMethod, ZipArchive};
@@ -210,9 +211,9 @@ impl Entry {
         let content = if self.packing == Packing::Deflated {
             let mut content = Vec::with_capacity(self.size as usize);
             // One byte more than promised is enough to see a false promise.
-            flate2::read::DeflateDecoder::new(&*packed)
-                .take(self.size + 1)
-                .read_to_end(&mut content)
+            let mut inflate = flate2::read::DeflateDecoder::new(&*packed).take(self.size + 1);
+            guarded("the zip reader", || inflate.read_to_end(&mut content))
+                .map_err(wrong)?
                 .map_err(|e| wrong(format!("the archive is damaged here ({e})")))?;
             content
         } else {
@@ -250,8 +251,10 @@ pub fn entries(path: &Path, wanted: impl Fn(&str) -> bool) -> Result<Vec<Entry>,
             path.display()
         )
     };
-    let zip =
-        ZipArchive::new(io::BufReader::with_capacity(1 << 16, file)).map_err(|e| damaged(&e))?;
+    let file = io::BufReader::with_capacity(1 << 16, file);
+    let zip = guarded("the zip reader", || ZipArchive::new(file))
+        .map_err(|problem| damaged(&problem))?
+        .map_err(|e| damaged(&e))?;
     let archive = Arc::new(Archive {
         path: path.to_owned(),
         changed,
@@ -411,6 +414,9 @@ mod tests {
         entry.size = Kind::Scan.largest() + 1;
         let source = Source::Entry(entry);
         let problem = source.read(Kind::Scan).unwrap_err().to_string();
-        assert!(problem.contains("a Velodyne scan has at most 64.0 MB"), "{problem}");
+        assert!(
+            problem.contains("a Velodyne scan has at most 64.0 MB"),
+            "{problem}"
+        );
     }
 }

@@ -9,9 +9,9 @@ use strat_geometry::{
     CamToCam, DepthAxis, NOMINAL_BASELINE_M, ScanDepth, depth_from_disparity_px, nominal_focal_px,
 };
 use strat_splits::Role;
-use strat_store::inputs::Kind;
 use strat_store::exr::DepthHeader;
 use strat_store::image_files::{self, Codec};
+use strat_store::inputs::Kind;
 use strat_store::layout::{self, DepthKind, LabelKind, Side};
 use strat_store::raster::Plane;
 use strat_store::set::{FileRef, Sample};
@@ -204,7 +204,9 @@ fn scene_camera(input: &SceneInput, (width, height): (u32, u32)) -> SampleResult
             )
         });
     };
-    let bytes = path.read(Kind::Calibration).map_err(|e| SampleError::input(path, e))?;
+    let bytes = path
+        .read(Kind::Calibration)
+        .map_err(|e| SampleError::input(path, e))?;
     let cameras = CamToCam::parse(&String::from_utf8_lossy(&bytes))
         .map_err(|e| SampleError::about(path, e))?;
     if (cameras.width, cameras.height) != (width, height) {
@@ -328,7 +330,9 @@ fn disparity_depth(
 
 /// Metres of a 16-bit map of the size of its image with at least one measurement.
 fn gray16(from: &Source, size: (u32, u32), depth_m: impl Fn(u16) -> f32) -> SampleResult<Plane> {
-    let bytes = from.read(Kind::Image).map_err(|e| SampleError::input(from, e))?;
+    let bytes = from
+        .read(Kind::Image)
+        .map_err(|e| SampleError::input(from, e))?;
     let (width, height, raw) = image_files::decode_gray16(&bytes, &from.to_string())
         .map_err(|e| SampleError::input(from, e))?;
     same_size(from, (width as u32, height as u32), size)?;
@@ -355,7 +359,9 @@ fn label(
     if let Some(kept) = files.kept(&path, from.changed())? {
         return Ok(kept);
     }
-    let bytes = from.read(Kind::Image).map_err(|e| SampleError::input(from, e))?;
+    let bytes = from
+        .read(Kind::Image)
+        .map_err(|e| SampleError::input(from, e))?;
     let name = from.to_string();
     let found = match kind {
         LabelKind::Semantic => image_files::decode_gray8(&bytes, &name).map(|(w, h, _)| (w, h)),

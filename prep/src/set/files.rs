@@ -7,9 +7,9 @@ use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
 use strat_splits::Role;
-use strat_store::inputs::Kind;
 use strat_store::exr::{DepthHeader, encode_depth};
 use strat_store::files;
+use strat_store::inputs::Kind;
 use strat_store::raster::Plane;
 use strat_store::set::{FileRef, PreparedSet};
 
@@ -113,7 +113,8 @@ impl<'a> SetFiles<'a> {
         if outdated || !metadata.is_file() {
             return Ok(None);
         }
-        let blake3 = files::blake3_file(&file, Kind::Content).map_err(|e| SampleError::Output(e.into()))?;
+        let blake3 =
+            files::blake3_file(&file, Kind::Content).map_err(|e| SampleError::Output(e.into()))?;
         if self.known.get(path).is_some_and(|known| *known != blake3) {
             return Ok(None);
         }

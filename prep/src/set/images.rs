@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use image::{RgbImage, imageops};
-use strat_store::inputs::Kind;
 use strat_store::image_files;
+use strat_store::inputs::Kind;
 use strat_store::layout::{self, Side};
 use strat_store::resize;
 use strat_store::set::FileRef;

@@ -13,8 +13,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use strat_splits::{FrameId, Role, Split, test_ids, training, validation};
-use strat_store::inputs::{self, Kind};
 use strat_store::files;
+use strat_store::inputs::{self, Kind};
 use strat_store::layout::{FAILURES, FRAMES, MANIFEST, SETTINGS, table_name};
 use strat_store::set::{Manifest, PreparedSet};
 use strat_store::shard::{PARTS, Shard};
@@ -159,7 +159,9 @@ fn order_of_split(split: Split) -> Order {
 
 /// Position of every sample in the list that all parts were made from.
 fn order_of_list(parts: &[(Shard, PreparedSet)]) -> std::result::Result<Order, String> {
-    let read = |part: &PreparedSet| inputs::read(&part.root.join(FRAMES), Kind::Table).map_err(|e| e.to_string());
+    let read = |part: &PreparedSet| {
+        inputs::read(&part.root.join(FRAMES), Kind::Table).map_err(|e| e.to_string())
+    };
     let Some((first, part)) = parts.first() else {
         return Ok(Order::new());
     };
@@ -172,10 +174,7 @@ fn order_of_list(parts: &[(Shard, PreparedSet)]) -> std::result::Result<Order, S
             ));
         }
     }
-    let mut table = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .from_reader(&*list);
-    let names: std::result::Result<Vec<(Role, String)>, _> = table.deserialize().collect();
+    let names = strat_csv::Reader::without_header(&*list).deserialize::<(Role, String)>();
     let names = names.map_err(|e| format!("{FRAMES} of part {first} is damaged: {e}"))?;
     Ok(order(names.iter().map(|(role, id)| (*role, &**id))))
 }
@@ -225,9 +224,9 @@ fn failures_of(part: &PreparedSet) -> std::result::Result<Vec<Failure>, String> 
     if !path.is_file() {
         return Ok(Vec::new());
     }
-    let damaged = |e: csv::Error| format!("{} is damaged: {e}", path.display());
+    let damaged = |e: strat_csv::Error| format!("{} is damaged: {e}", path.display());
     let bytes = inputs::read(&path, Kind::Table).map_err(|e| e.to_string())?;
-    let mut reader = csv::Reader::from_reader(&*bytes);
-    let failures: std::result::Result<Vec<Failure>, _> = reader.deserialize().collect();
-    failures.map_err(damaged)
+    strat_csv::Reader::new(&*bytes)
+        .deserialize()
+        .map_err(damaged)
 }

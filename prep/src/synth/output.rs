@@ -1,11 +1,10 @@
 //! The folder of a rendered world: what marks it, where each file goes, what is there already.
 
-use std::io;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use strat_store::inputs::{self, Kind};
 use strat_store::claim::{Found, Mark};
+use strat_store::inputs::{self, Kind};
 use strat_store::{files, image_files, yaml};
 
 use super::preset::{Preset, Purpose, Shot};

@@ -20,6 +20,7 @@ use exr::prelude::f16;
 
 use crate::error::{Error, Result};
 use crate::files;
+use crate::guard::guarded;
 use crate::inputs::{self, Kind, MAX_PIXELS};
 use crate::raster::Plane;
 
@@ -96,7 +97,7 @@ pub fn decode_depth(bytes: &[u8], path: &Path) -> Result<(Plane, DepthHeader)> {
 /// # Errors
 /// The bytes are truncated or no EXR, or several channels leave open which is meant.
 pub fn decode_channel(bytes: &[u8]) -> std::result::Result<Plane, String> {
-    let channel = read_channel(bytes, |channels| match channels {
+    let channel = read_guarded(bytes, |channels| match channels {
         [only] => Ok(only.clone()),
         several if several.iter().any(|name| name == CHANNEL) => Ok(CHANNEL.to_owned()),
         several => Err(format!(
@@ -198,6 +199,13 @@ struct Channel {
     is_f32: bool,
     /// The attributes of the layer that the format itself does not define.
     attributes: HashMap<Text, AttributeValue>,
+}
+
+fn read_guarded(
+    bytes: &[u8],
+    choose: impl FnOnce(&[String]) -> std::result::Result<String, String>,
+) -> std::result::Result<Channel, String> {
+    guarded("the EXR decoder", || read_channel(bytes, choose))?
 }
 
 /// Reads the channel that `choose` picks from the names of all.
@@ -332,7 +340,7 @@ fn decode(bytes: &[u8]) -> std::result::Result<(Plane, DepthHeader), String> {
         plane,
         is_f32,
         attributes,
-    } = read_channel(bytes, |_| Ok(CHANNEL.to_owned()))?;
+    } = read_guarded(bytes, |_| Ok(CHANNEL.to_owned()))?;
     let attribute = |key: &str| {
         let found = attributes.get(&Text::from(key));
         found.ok_or_else(|| format!("its header has no attribute `{key}`"))

@@ -98,7 +98,7 @@ impl Unfinished {
 /// A row is no flat structure, or the file cannot be written.
 pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -> Result<()> {
     write_atomic_with(path, |file| {
-        let mut table = csv::Writer::from_writer(file);
+        let mut table = strat_csv::Writer::new(file);
         for row in rows {
             table.serialize(row).map_err(io::Error::other)?;
         }

@@ -17,7 +17,11 @@ use image::{
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 
 use crate::error::{Error, Result};
+use crate::guard::guarded;
 use crate::inputs::{self, Kind, MAX_PIXELS};
+
+/// What decodes pictures, in sentences.
+const DECODER: &str = "the image decoder";
 
 /// Quality of JPEG where none is asked for.
 pub const DEFAULT_QUALITY: u8 = 92;
@@ -84,7 +88,10 @@ impl FromStr for Codec {
 /// # Errors
 /// The file cannot be read, is truncated or is no image.
 pub fn read_rgb(path: &Path) -> Result<RgbImage> {
-    decode_rgb(&inputs::read(path, Kind::Image)?, &path.display().to_string())
+    decode_rgb(
+        &inputs::read(path, Kind::Image)?,
+        &path.display().to_string(),
+    )
 }
 
 /// Decodes PNG or JPEG bytes as 8-bit RGB; `name` is used in messages.
@@ -100,7 +107,10 @@ pub fn decode_rgb(bytes: &[u8], name: &str) -> Result<RgbImage> {
 /// # Errors
 /// The file cannot be read, is truncated, no image, or of another pixel type.
 pub fn read_gray16(path: &Path) -> Result<(usize, usize, Vec<u16>)> {
-    decode_gray16(&inputs::read(path, Kind::Image)?, &path.display().to_string())
+    decode_gray16(
+        &inputs::read(path, Kind::Image)?,
+        &path.display().to_string(),
+    )
 }
 
 /// Decodes the bytes of a single-channel 16-bit PNG; `name` is used in messages.
@@ -123,7 +133,10 @@ pub fn decode_gray16(bytes: &[u8], name: &str) -> Result<(usize, usize, Vec<u16>
 /// # Errors
 /// The file cannot be read, is truncated, no image, or of another pixel type.
 pub fn read_gray8(path: &Path) -> Result<(usize, usize, Vec<u8>)> {
-    decode_gray8(&inputs::read(path, Kind::Image)?, &path.display().to_string())
+    decode_gray8(
+        &inputs::read(path, Kind::Image)?,
+        &path.display().to_string(),
+    )
 }
 
 /// Decodes the bytes of a single-channel 8-bit PNG; `name` is used in messages.
@@ -159,6 +172,15 @@ pub fn decode_size(bytes: &[u8], name: &str) -> Result<(u32, u32)> {
 }
 
 fn size(input: impl BufRead + Seek, name: &str) -> Result<(u32, u32)> {
+    guarded(DECODER, || size_unguarded(input, name)).unwrap_or_else(|problem| {
+        Err(Error::Image {
+            path: name.to_owned(),
+            problem,
+        })
+    })
+}
+
+fn size_unguarded(input: impl BufRead + Seek, name: &str) -> Result<(u32, u32)> {
     let reader = image::ImageReader::new(input).with_guessed_format();
     let decoder = reader
         .map_err(ImageError::IoError)
@@ -246,6 +268,15 @@ fn encode_png(pixels: &[u8], width: u32, height: u32, color: ExtendedColorType) 
 }
 
 fn decode(bytes: &[u8], name: &str) -> Result<DynamicImage> {
+    guarded(DECODER, || decode_unguarded(bytes, name)).unwrap_or_else(|problem| {
+        Err(Error::Image {
+            path: name.to_owned(),
+            problem,
+        })
+    })
+}
+
+fn decode_unguarded(bytes: &[u8], name: &str) -> Result<DynamicImage> {
     let bad = |problem: String| Error::Image {
         path: name.to_owned(),
         problem,

@@ -182,7 +182,10 @@ mod tests {
         for kind in KINDS {
             // Holes take no room on the disk.
             if file.set_len(kind.largest() + 1).is_err() {
-                eprintln!("could not run: no file of {} bytes here", kind.largest() + 1);
+                eprintln!(
+                    "could not run: no file of {} bytes here",
+                    kind.largest() + 1
+                );
                 continue;
             }
             let error = open(&path, kind).unwrap_err().to_string();
@@ -193,7 +196,10 @@ mod tests {
         }
         file.set_len(20_000_000_000).unwrap();
         let error = read(&path, Kind::Scan).unwrap_err().to_string();
-        assert!(error.contains("20.0 GB") && error.contains("64.0 MB"), "{error}");
+        assert!(
+            error.contains("20.0 GB") && error.contains("64.0 MB"),
+            "{error}"
+        );
         file.set_len(Kind::Calibration.largest()).unwrap();
         let whole = read(&path, Kind::Calibration).unwrap();
         assert_eq!(whole.len() as u64, Kind::Calibration.largest());
@@ -203,11 +209,20 @@ mod tests {
     fn what_is_no_regular_file_is_never_opened() {
         let folder = tempfile::tempdir().unwrap();
         let error = open(folder.path(), Kind::Image).unwrap_err().to_string();
-        assert!(error.contains("a folder") && error.contains("an image"), "{error}");
-        assert!(read(&folder.path().join("none"), Kind::Yaml).unwrap_err().is_not_found());
+        assert!(
+            error.contains("a folder") && error.contains("an image"),
+            "{error}"
+        );
+        assert!(
+            read(&folder.path().join("none"), Kind::Yaml)
+                .unwrap_err()
+                .is_not_found()
+        );
         #[cfg(unix)]
         {
-            let endless = read(Path::new("/dev/zero"), Kind::Yaml).unwrap_err().to_string();
+            let endless = read(Path::new("/dev/zero"), Kind::Yaml)
+                .unwrap_err()
+                .to_string();
             assert!(endless.contains("pipe or device"), "{endless}");
             let pipe = folder.path().join("a.yaml");
             let made = std::process::Command::new("mkfifo").arg(&pipe).status();

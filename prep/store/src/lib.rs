@@ -6,7 +6,7 @@
 //! [`resize`] for pictures, [`exr`] for depth, [`npy`] for NumPy's arrays, [`files`] for writing,
 //! [`inputs`] for reading what may be anything,
 //! [`yaml`] for configuration. [`command`] (exit codes, errors, printing), [`progress`], [`human`],
-//! [`threads`], [`shard`] and [`spread`] are what the three commands do alike. It knows nothing
+//! [`guard`], [`threads`], [`shard`] and [`spread`] are what the three commands do alike. It knows nothing
 //! about where data comes from, and no clap.
 
 pub mod claim;
@@ -14,6 +14,7 @@ pub mod command;
 mod error;
 pub mod exr;
 pub mod files;
+pub mod guard;
 pub mod human;
 pub mod image_files;
 pub mod inputs;

@@ -6,6 +6,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::error::{Error, Result};
+use crate::guard::guarded;
 use crate::inputs::{self, Kind};
 
 /// Most brackets that a text opens.
@@ -32,7 +33,7 @@ pub fn load<T: DeserializeOwned>(path: &Path) -> Result<T> {
 /// has key path, line and column.
 pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> std::result::Result<T, String> {
     check(bytes)?;
-    serde_yaml::from_slice(bytes).map_err(|error| error.to_string())
+    guarded("the YAML parser", || serde_yaml::from_slice(bytes))?.map_err(|error| error.to_string())
 }
 
 /// Refuses what the parser would take minutes or gigabytes over: its work grows with the square of

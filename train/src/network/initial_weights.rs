@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 use half::{bf16, f16};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
-use strat_store::inputs::{self, Kind};
 use strat_store::files;
+use strat_store::inputs::{self, Kind};
 
 use crate::error::{Error, Result};
 
@@ -59,8 +59,7 @@ impl InitialWeights {
             path: path.to_path_buf(),
             reason,
         };
-        let bytes =
-            inputs::read(path, Kind::Weights).map_err(|error| refuse(error.to_string()))?;
+        let bytes = inputs::read(path, Kind::Weights).map_err(|error| refuse(error.to_string()))?;
         let damaged = |error| refuse(format!("it is not a whole safetensors file ({error})"));
         let file = SafeTensors::deserialize(&bytes).map_err(damaged)?;
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;

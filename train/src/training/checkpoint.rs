@@ -13,8 +13,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use strat_store::inputs::{self, Kind};
 use strat_store::files;
+use strat_store::inputs::{self, Kind};
 
 use crate::error::{Error, Result};
 
@@ -206,7 +206,8 @@ impl Checkpoints {
     pub fn load(&self, step: u64) -> Result<Checkpoint> {
         let folder = self.path(step);
         let bytes = |name: &str| {
-            inputs::read(&folder.join(name), Kind::Weights).map_err(|error| damaged(&folder, error.to_string()))
+            inputs::read(&folder.join(name), Kind::Weights)
+                .map_err(|error| damaged(&folder, error.to_string()))
         };
         let checksums = String::from_utf8(bytes(CHECKSUMS)?)
             .map_err(|_| damaged(&folder, format!("{CHECKSUMS} is not text")))?;

@@ -9,8 +9,8 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use strat_onnx::metadata::TrainingCamera;
-use strat_store::inputs::{self, Kind};
 use strat_store::files;
+use strat_store::inputs::{self, Kind};
 
 use super::checkpoint::{Checkpoint, Checkpoints};
 use crate::config::Config;

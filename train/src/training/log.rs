@@ -3,8 +3,8 @@
 use std::fs::File;
 use std::path::Path;
 
-use strat_store::inputs::{self, Kind};
 use strat_store::files;
+use strat_store::inputs::{self, Kind};
 
 use super::folder::{EVENTS, PICTURES, RunFolder, SCALARS, VALIDATION};
 use super::report::StepReport;
@@ -106,7 +106,7 @@ impl<'a> Log<'a> {
 }
 
 /// A CSV file that grows by a line at a time; its first columns are step and epoch.
-struct Table(csv::Writer<File>);
+struct Table(strat_csv::Writer<File>);
 
 impl Table {
     /// Opens a table for appending after those of its lines whose step is to be kept.
@@ -119,12 +119,10 @@ impl Table {
         timeline: &Timeline,
         keep: impl Fn(u64) -> bool,
     ) -> Result<Self> {
-        let mut kept = csv::Writer::from_writer(Vec::new());
+        let mut kept = strat_csv::Writer::new(Vec::new());
         kept.write_record(columns)?;
         if path.exists() {
-            let mut before = csv::ReaderBuilder::new()
-                .flexible(true)
-                .from_reader(inputs::open(path, Kind::Table)?);
+            let mut before = strat_csv::Reader::flexible(inputs::open(path, Kind::Table)?);
             for line in before.records() {
                 let line = line?;
                 let step = line.get(0).and_then(|cell| cell.parse().ok());
@@ -136,10 +134,10 @@ impl Table {
                 }
             }
         }
-        let kept = kept.into_inner().map_err(|error| error.into_error())?;
+        let kept = kept.into_inner()?;
         files::write_atomic(path, &kept)?;
         let file = fs_err::OpenOptions::new().append(true).open(path)?;
-        Ok(Self(csv::Writer::from_writer(file.into_parts().0)))
+        Ok(Self(strat_csv::Writer::new(file.into_parts().0)))
     }
 
     fn line(&mut self, cells: impl IntoIterator<Item = String>) -> Result<()> {

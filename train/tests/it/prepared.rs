@@ -8,6 +8,7 @@ use strat_splits::{Role, Split};
 use strat_store::exr::{DepthHeader, write_depth};
 use strat_store::files::{blake3_file, write_atomic};
 use strat_store::image_files::encode_png_rgb;
+use strat_store::inputs::Kind;
 use strat_store::raster::Plane;
 use strat_store::resize::Kernel;
 use strat_store::set::{Content, Count, FORMAT, FileRef, Manifest, PreparedSet, Sample};
@@ -34,7 +35,7 @@ fn view(seed: u32, shift: f64) -> RgbImage {
 
 fn file(root: &Path, path: String, bytes: &[u8]) -> FileRef {
     write_atomic(&root.join(&path), bytes).unwrap();
-    let blake3 = blake3_file(&root.join(&path)).unwrap();
+    let blake3 = blake3_file(&root.join(&path), Kind::Content).unwrap();
     FileRef { path, blake3 }
 }
 
@@ -55,7 +56,7 @@ fn sample(root: &Path, role: Role, index: u32) -> Sample {
             frame: index.to_string(),
         };
         write_depth(&root.join(&path), &plane, &header).unwrap();
-        let blake3 = blake3_file(&root.join(&path)).unwrap();
+        let blake3 = blake3_file(&root.join(&path), Kind::Content).unwrap();
         FileRef { path, blake3 }
     });
     let at = |side: &str| format!("{stem}/{side}/{index:010}.png");

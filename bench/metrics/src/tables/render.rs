@@ -166,7 +166,7 @@ impl Table {
     /// # Errors
     /// None in practice; the CSV writer's own.
     pub fn csv(&self) -> Result<String, CsvError> {
-        let mut csv = csv::Writer::from_writer(Vec::new());
+        let mut csv = strat_csv::Writer::new(Vec::new());
         let mut header = vec!["table", "section"];
         header.extend(self.columns.iter().map(|column| column.key.as_str()));
         header.extend([
@@ -199,7 +199,7 @@ impl Table {
                 csv.write_record(record)?;
             }
         }
-        let bytes = csv.into_inner().map_err(|error| error.into_error())?;
+        let bytes = csv.into_inner()?;
         // Only strings went in.
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     }

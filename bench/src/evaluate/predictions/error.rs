@@ -1,10 +1,10 @@
 //! Why saved predictions cannot be used, and the two ways in which that is found at once.
 
-use strat_store::inputs::{self, Kind};
 use std::{
     fs::File,
     path::{Path, PathBuf},
 };
+use strat_store::inputs::{self, Kind};
 
 use crate::model::Implausible;
 

@@ -3,8 +3,8 @@
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use strat_store::inputs::{self, Kind};
 use strat_store::files;
+use strat_store::inputs::{self, Kind};
 use strat_store::set::{Content, Sample};
 
 use super::error::{SavedError, open, unusable};
@@ -167,7 +167,11 @@ pub fn hash_of(samples: &[Sample], found: &HashMap<String, PathBuf>) -> Result<S
     let mut lines = String::new();
     for sample in samples {
         if let Some(file) = found.get(&sample.id) {
-            lines += &format!("{} {}\n", sample.id, files::blake3_file(file, Kind::Content)?);
+            lines += &format!(
+                "{} {}\n",
+                sample.id,
+                files::blake3_file(file, Kind::Content)?
+            );
         }
     }
     Ok(files::blake3_hex(lines.as_bytes()))

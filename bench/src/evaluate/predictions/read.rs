@@ -20,6 +20,7 @@ use std::{
 
 use serde::{Deserialize, Serialize};
 use strat_onnx::metadata::OutputMeaning;
+use strat_store::guard::guarded;
 use strat_store::inputs::{self, Kind};
 use strat_store::{
     exr, files, image_files, npy,
@@ -215,7 +216,11 @@ impl SavedPredictions {
                 let images = samples.iter().map(|sample| sample.id.as_str());
                 let images: Vec<&str> = images.filter(|id| members.contains_key(*id)).collect();
                 let images = images.join("\n");
-                (Maps::Members(members), files::blake3_file(path, Kind::Maps)?, images)
+                (
+                    Maps::Members(members),
+                    files::blake3_file(path, Kind::Maps)?,
+                    images,
+                )
             }
             Some(file) => {
                 let planes = array(path, file, description.array.as_deref())?;
@@ -371,7 +376,9 @@ fn array(path: &Path, file: File, member: Option<&str>) -> Result<npy::Planes, S
         return npy::Planes::new(file).map_err(wrong);
     }
     let damaged = |error: zip::result::ZipError| wrong(format!("it is no usable .npz: {error}"));
-    let mut archive = zip::ZipArchive::new(file).map_err(damaged)?;
+    let mut archive = guarded("the zip reader", || zip::ZipArchive::new(file))
+        .map_err(wrong)?
+        .map_err(damaged)?;
     let names: Vec<String> = archive
         .file_names()
         .map(|name| name.map(std::borrow::Cow::into_owned))
@@ -404,6 +411,7 @@ fn array(path: &Path, file: File, member: Option<&str>) -> Result<npy::Planes, S
         std::io::copy(&mut (&mut packed).take(length), &mut unpacked)?;
         Ok(unpacked)
     };
-    let unpacked = unpack().map_err(|error| wrong(format!("{wanted} of it: {error}")))?;
+    let unpacked = guarded("the zip reader", &mut unpack).map_err(wrong)?;
+    let unpacked = unpacked.map_err(|error| wrong(format!("{wanted} of it: {error}")))?;
     npy::Planes::new(unpacked).map_err(wrong)
 }

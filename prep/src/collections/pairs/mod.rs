@@ -14,13 +14,13 @@ use std::time::SystemTime;
 
 use strat_geometry::depth_from_disparity_px;
 use strat_splits::Role;
-use strat_store::inputs::{self, Kind};
 use strat_store::exr::{self, DepthHeader};
+use strat_store::image_files;
+use strat_store::inputs::{self, Kind};
 use strat_store::layout::{self, DepthKind, Side};
 use strat_store::npy::{self, Array};
 use strat_store::raster::Plane;
 use strat_store::set::{Content, FileRef, Sample};
-use strat_store::{files, image_files};
 
 pub use self::list::Shares;
 use self::list::{Row, Table, Truth};

@@ -67,7 +67,10 @@ impl PreparedSet {
         };
         let mut tables = Vec::new();
         for role in Role::ALL {
-            tables.push((role, inputs::read(&root.join(table_name(role)), Kind::Table)?));
+            tables.push((
+                role,
+                inputs::read(&root.join(table_name(role)), Kind::Table)?,
+            ));
         }
         if data_digest(&tables) != set.manifest.data_digest {
             return Err(Error::DamagedSet {

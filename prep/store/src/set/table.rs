@@ -22,7 +22,7 @@ fn columns() -> Vec<String> {
 
 /// The bytes of a table.
 pub(super) fn table_bytes(samples: &[Sample]) -> Vec<u8> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
+    let mut writer = strat_csv::Writer::new(Vec::new());
     let mut rows = vec![columns()];
     for sample in samples {
         let mut row = vec![
@@ -56,7 +56,7 @@ pub(super) fn parse_table(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>> {
         line,
         problem,
     };
-    let mut reader = csv::Reader::from_reader(bytes);
+    let mut reader = strat_csv::Reader::new(bytes);
     let expected = columns();
     let header = reader.headers().map_err(|e| bad(1, e.to_string()))?;
     if !header.iter().eq(&expected) {
@@ -68,9 +68,13 @@ pub(super) fn parse_table(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>> {
     let mut samples = Vec::new();
     let mut ids = HashSet::new();
     for record in reader.records() {
-        let record =
-            record.map_err(|e| bad(e.position().map_or(0, csv::Position::line), e.to_string()))?;
-        let line = record.position().map_or(0, csv::Position::line);
+        let record = record.map_err(|e| {
+            bad(
+                e.position().map_or(0, strat_csv::Position::line),
+                e.to_string(),
+            )
+        })?;
+        let line = record.position().map_or(0, strat_csv::Position::line);
         let sample = parse_row(&record).map_err(|problem| bad(line, problem))?;
         if !ids.insert(sample.id.clone()) {
             return Err(bad(line, format!("the id `{}` is there twice", sample.id)));
@@ -80,7 +84,7 @@ pub(super) fn parse_table(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>> {
     Ok(samples)
 }
 
-fn parse_row(record: &csv::StringRecord) -> std::result::Result<Sample, String> {
+fn parse_row(record: &strat_csv::StringRecord) -> std::result::Result<Sample, String> {
     let mut fields = record.iter();
     let mut next = || fields.next().unwrap_or_default();
     fn positive<T: std::str::FromStr + PartialOrd + Default>(
