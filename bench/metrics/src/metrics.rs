@@ -206,7 +206,19 @@ pub struct CropBox {
 
 /// Box of a crop in an image. The fractions are multiplied in double precision and truncated;
 /// rounding, or single precision, would move an edge for some KITTI sizes.
+///
+/// A box in pixels is returned as it is, and may be larger than the image.
 pub fn crop_box(crop: Crop, width: usize, height: usize) -> CropBox {
+    if let Crop::Pixels { rows, columns } = crop {
+        let [top, bottom, left, right] =
+            [rows[0], rows[1], columns[0], columns[1]].map(|edge| edge as usize);
+        return CropBox {
+            top,
+            bottom,
+            left,
+            right,
+        };
+    }
     match crop.fractions() {
         None => CropBox {
             top: 0,
@@ -308,6 +320,15 @@ mod tests {
         }
         let whole = crop_box(Crop::None, 7, 3);
         assert_eq!((whole.bottom, whole.right), (3, 7));
+        let nyu = Crop::Pixels {
+            rows: [45, 471],
+            columns: [41, 601],
+        };
+        let nyu = crop_box(nyu, 640, 480);
+        assert_eq!(
+            [nyu.top, nyu.bottom, nyu.left, nyu.right],
+            [45, 471, 41, 601]
+        );
     }
 
     #[test]

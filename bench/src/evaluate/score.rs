@@ -5,7 +5,8 @@
 
 use image::RgbImage;
 use strat_metrics::{
-    GroundTruth, Grouping, ImageScore, PostProcessing, Protocol, Resize, RowContext,
+    Camera, EvaluateError, GroundTruth, Grouping, ImageScore, PostProcessing, Protocol, Resize,
+    RowContext,
 };
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::{raster::Plane, resize};
@@ -135,6 +136,13 @@ pub(super) fn score(
             (Some(flipped), PostProcessing::Flip) => flipped,
             _ => &plain,
         };
+        if protocol.camera == Camera::Unknown
+            && !protocol.median_scaling
+            && matches!(prediction, Prediction::DisparityFraction(_))
+        {
+            let name = protocol.name.clone();
+            return Err(unscored(EvaluateError::NoCamera { name }));
+        }
         let camera = protocol
             .camera
             .resolve(truth.camera(), width)

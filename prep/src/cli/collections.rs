@@ -15,7 +15,7 @@ use crate::collections::{cityscapes, make3d, pairs};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Columns of the CSV, which begins with their names; files are looked for from its folder:
-  left, right    rectified images, PNG or JPEG
+  left, right    rectified images, PNG or JPEG; `right` is empty where an image stands alone
   focal_px       focal length in pixels of the left image
   baseline_m     distance in metres between the cameras
   id             name of the pair [default: the path of the left image without its extension]
@@ -23,6 +23,11 @@ Columns of the CSV, which begins with their names; files are looked for from its
   depth          ground truth in metres: 16-bit .png (metres times 256), .npy or .exr
   disparity      ground truth in pixels of the left image instead, in the same kinds of files
   depth_scale    what the values of that file are divided by [default: 256 for .png, else 1]
+  invalid        the value of that file that says \"not measured\" [default: 0]
+  disparity_offset_px  added to measured disparity (`doffs` of Middlebury) [default: 0]
+
+An image without a right one is for testing alone and needs ground truth; its focal length and baseline may be
+empty where they are not known. A list of such images alone needs no columns but `left` and `depth`.
 
 Which pairs are drawn depends on their ids alone, so more rows move none of the earlier ones.
 Frames of one video look alike: give them one role with the column split.

@@ -44,7 +44,8 @@ impl Doubt {
         match self {
             Self::NegativeDisparity => {
                 "have negative disparities, which count as not measured; if the cameras' principal points \
-                 differ (`doffs` of Middlebury), add the difference first"
+                 differ (`doffs` of Middlebury), give the difference in the column `disparity_offset_px`, \
+                 and if they stand for pixels without a measurement, name them in the column `invalid`"
             }
             Self::BeyondSight => {
                 "have depth at which these cameras see less than a tenth of a pixel of disparity; depth \

@@ -171,13 +171,14 @@ fn numbers<const N: usize, T>(bytes: &[u8], number: impl Fn([u8; N]) -> T) -> Ve
     bytes.as_chunks().0.iter().map(|b| number(*b)).collect()
 }
 
-/// Reads a single map (rows, columns) in either order of bytes and of dimensions.
+/// Reads a single map (rows, columns), also with a last dimension of 1, in either order of bytes and
+/// of dimensions.
 ///
 /// # Errors
 /// It is no npy, cut off, or of another type or rank; the sentence says what was found.
 pub fn decode(bytes: &[u8]) -> Result<Array, String> {
     let header = Header::parse(bytes)?;
-    let &[height, width] = header.shape.as_slice() else {
+    let &([height, width] | [height, width, 1]) = header.shape.as_slice() else {
         return Err(format!(
             "its shape is {:?}; it should have two dimensions, rows and columns",
             header.shape
@@ -545,7 +546,7 @@ mod tests {
             (header("<i4", "(1, 2)"), "its type is `<i4`"),
             (header("|u1", "(1, 8)"), "its type is `|u1`"),
             (header("<f4", "(2,)"), "two dimensions"),
-            (header("<f4", "(1, 2, 1)"), "two dimensions"),
+            (header("<f4", "(1, 1, 2)"), "two dimensions"),
             (
                 header("<f4", "(1, 3)"),
                 "promises 1 x 3 values of 4 bytes, but 8 bytes follow",

@@ -170,6 +170,67 @@ fn depth_is_read_from_npy_and_exr_and_scaled() {
     }
 }
 
+/// As NYU Depth (millimetres), DIODE (rows, columns, 1), Middlebury (`doffs`) and ETH3D (infinite where
+/// nothing was measured) store their truth.
+#[test]
+fn images_alone_are_sets_to_test_on() {
+    let world = World::new();
+    let floats = |value: fn(u32) -> f32| -> Vec<u8> {
+        let values = (0..WIDTH * HEIGHT).map(value);
+        values.flat_map(f32::to_le_bytes).collect()
+    };
+    // Pixel 0 says that it was not measured, pixel 1 has 2 m.
+    let millimetres = |i| match i {
+        0 => 65535,
+        _ => 2000,
+    };
+    world.write("d/0.png", &disparity_png(millimetres));
+    let metres = floats(|i| if i == 0 { 0.0 } else { 2.0 });
+    world.write("d/1.npy", &npy("<f4", "(20, 30, 1)", &metres));
+    let (code, out, err) = world.prep(
+        "left,depth,depth_scale,invalid\n\
+         links/Bild 0.png,d/0.png,1000,65535\n\
+         links/Bild 1.png,d/1.npy,,\n",
+    );
+    assert_eq!(code, 0, "{err}");
+    assert!(out.contains("test 2 of 2") && err.is_empty(), "{out}{err}");
+    let depths = |set: &PreparedSet| -> Vec<[f32; 2]> {
+        let samples = set.samples(Role::Test).unwrap();
+        let depth = |sample: &strat_store::set::Sample| {
+            let file = set.path(sample.depth_camera.as_ref().unwrap());
+            let plane = exr::read_depth(&file).unwrap().0;
+            [plane.data[0], plane.data[1]]
+        };
+        samples.iter().map(depth).collect()
+    };
+    let set = PreparedSet::open(&world.out()).unwrap();
+    assert_eq!(depths(&set), [[0.0, 2.0]; 2]);
+    assert!(set.manifest.cameras.is_empty());
+    let sample = &set.samples(Role::Test).unwrap()[0];
+    assert!(sample.right.is_none() && sample.left_full.is_some());
+    assert_eq!((sample.focal_px, sample.baseline_m), (0.0, 0.0));
+    let (code, out, _) = prep(&["verify", world.out().to_str().unwrap()]);
+    assert_eq!(code, 0, "{out}");
+
+    std::fs::remove_dir_all(world.out()).unwrap();
+    let disparity = floats(|i| if i == 0 { f32::INFINITY } else { 0.0 });
+    world.write("d/2.npy", &npy("<f4", "(20, 30)", &disparity));
+    let row = |offset: &str, invalid: &str, right: &str| {
+        format!("links/Bild 2.png,{right},700,0.5,test,d/2.npy,{offset},{invalid}\n")
+    };
+    let head = "left,right,focal_px,baseline_m,split,disparity,disparity_offset_px,invalid\n";
+    let (code, _, err) = world.prep(&[head, &row("35", "inf", "")].concat());
+    assert_eq!(code, 0, "{err}");
+    let set = PreparedSet::open(&world.out()).unwrap();
+    // 700 * 0.5 / (0 + 35); 0 is a measured disparity where another value is the invalid one.
+    assert_eq!(depths(&set), [[0.0, 10.0]]);
+    let (code, _, err) = world.prep(&[head, &row("35", "", "rechts/Bild 2.png")].concat());
+    assert_eq!(code, 1, "{err}");
+    assert!(err.contains("no measured pixel"), "{err}");
+    let (code, _, err) = world.prep(&[head, &row("-1", "inf", "")].concat());
+    assert_eq!(code, 1, "{err}");
+}
+
 #[test]
 fn merged_parts_are_the_set_of_a_single_run() {
     let world = World::new();

@@ -2,7 +2,7 @@
 //!
 //! Commands stand in fences marked `sh` and must pass the program's own parser; in `sh run` they are run on a
 //! rendered world; `sh not run: why` is for what is no command of ours. Descriptions stand in fences marked
-//! `yaml model`, `yaml predictions` or `yaml sprites` and are loaded as `bench` loads them. A quoted line
+//! `yaml model`, `yaml predictions`, `yaml protocol` or `yaml sprites` and are loaded as `bench` loads them. A quoted line
 //! (`> ...`) in FOOTGUNS.md is a message of the code, with `...` for what varies.
 
 use std::ffi::OsString;
@@ -75,6 +75,9 @@ fn assert_loads(kind: &str, text: &str, whence: &str) {
     let loaded = match kind {
         "model" => yaml::load::<Description>(&file).map(|_| ()),
         "predictions" => yaml::load::<SavedDescription>(&file).map(|_| ()),
+        "protocol" => strat_bench::protocol_file::load(&file)
+            .map(|_| ())
+            .map_err(|error| panic!("{whence}: {error}")),
         "sprites" => yaml::load::<SpriteFile>(&file).map(|_| ()),
         _ => panic!("{whence}: `yaml {kind}` is no kind of description"),
     };

@@ -7,6 +7,7 @@ mod golden;
 mod kitti_samples;
 mod modules;
 mod oracle;
+mod own_sets;
 mod pipeline;
 mod protocol;
 mod python;

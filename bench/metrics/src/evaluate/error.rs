@@ -61,6 +61,32 @@ pub enum EvaluateError {
         /// What is wrong.
         reason: &'static str,
     },
+    /// A crop in pixels that does not lie within the image.
+    #[error(
+        "the crop of protocol {name} ends at row {bottom} and column {right}, but the ground truth has \
+         {height} rows and {width} columns; a crop in pixels is for images of one size"
+    )]
+    Crop {
+        /// Name of the protocol.
+        name: String,
+        /// One past the last row of the crop.
+        bottom: usize,
+        /// One past its last column.
+        right: usize,
+        /// Columns of the ground truth.
+        width: usize,
+        /// Rows of the ground truth.
+        height: usize,
+    },
+    /// Disparity under a protocol that can make no metres of it.
+    #[error(
+        "protocol {name} has no camera, and without one disparity becomes no depth in metres; give it a \
+         camera, or scale by the median"
+    )]
+    NoCamera {
+        /// Name of the protocol.
+        name: String,
+    },
     /// Something the protocol needs was not given.
     #[error("protocol {name} needs {what}, which this image does not have")]
     Missing {

@@ -139,8 +139,15 @@ impl<'a> Scene<'a> {
             return Err(missing("an image of Cityscapes labels"));
         }
 
-        if protocol.camera == Camera::Unknown && !protocol.median_scaling {
-            return Err(invalid("it has no camera, so it needs median scaling"));
+        let crop = crop_box(protocol.crop, truth.width, truth.height);
+        if crop.bottom > truth.height || crop.right > truth.width {
+            return Err(EvaluateError::Crop {
+                name: protocol.name.clone(),
+                bottom: crop.bottom,
+                right: crop.right,
+                width: truth.width,
+                height: truth.height,
+            });
         }
         // The depth plane of stereo ground truth was made with the nominal baseline.
         if protocol.camera == Camera::Calibrated

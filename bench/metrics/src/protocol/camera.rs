@@ -22,8 +22,8 @@ pub enum Camera {
         /// Distance of the two cameras in metres.
         baseline_m: f64,
     },
-    /// No camera: depth is 1 / disparity (as a fraction of width) in no unit, so only
-    /// protocols with median scaling can use it.
+    /// No camera: depth is 1 / disparity (as a fraction of width) in no unit, so disparity can be
+    /// scored under protocols with median scaling only. Predicted metres need no camera.
     Unknown,
 }
 
@@ -58,7 +58,10 @@ pub struct KnownCamera {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CameraError {
     /// A value that is not a positive number.
-    #[error("the {what} of the image is {value}; a positive number of common size is needed")]
+    #[error(
+        "the {what} of the image is {value}; a positive number of common size is needed (a protocol \
+         with `camera: unknown` needs none to score predicted metres)"
+    )]
     Value {
         /// Focal length, baseline or their product.
         what: &'static str,

@@ -63,13 +63,21 @@ pub enum Crop {
     Garg,
     /// Crop of Eigen et al. (NIPS 2014).
     Eigen,
+    /// A box in pixels, for sets whose images all have one size, such as NYU Depth's.
+    Pixels {
+        /// First row and one past the last.
+        rows: [u32; 2],
+        /// First column and one past the last.
+        columns: [u32; 2],
+    },
 }
 
 impl Crop {
-    /// First row, end row, first column, end column as fractions of height and width.
+    /// First row, end row, first column, end column as fractions of height and width; none of a crop
+    /// that is not given by fractions.
     pub fn fractions(self) -> Option<[f64; 4]> {
         match self {
-            Self::None => None,
+            Self::None | Self::Pixels { .. } => None,
             Self::Garg => Some([0.408_108_11, 0.991_891_89, 0.035_947_71, 0.964_052_29]),
             Self::Eigen => Some([0.332_432_4, 0.913_513_51, 0.035_947_7, 0.964_052_29]),
         }

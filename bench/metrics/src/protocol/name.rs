@@ -42,6 +42,8 @@ impl Suffix {
             Self::Crop(Crop::None) => "-nocrop",
             Self::Crop(Crop::Garg) => "-garg",
             Self::Crop(Crop::Eigen) => "-eigencrop",
+            // Only a file of the user's own has one.
+            Self::Crop(Crop::Pixels { .. }) => "",
             Self::Flip => "-pp",
             Self::Distance => "-distance",
             Self::Median => "-median",

@@ -95,13 +95,17 @@ impl Protocol {
                 positive("baseline", baseline_m)?;
                 positive("focal length", focal_fraction)?;
             }
-            Camera::Unknown if !self.median_scaling => {
-                return Err(
-                    "without a camera depth has no unit, so it needs `median_scaling: true`"
-                        .to_owned(),
-                );
-            }
             Camera::Calibrated | Camera::Unknown => {}
+        }
+        if let Crop::Pixels {
+            rows: [top, bottom],
+            columns: [left, right],
+        } = self.crop
+            && (top >= bottom || left >= right)
+        {
+            return Err(format!(
+                "its crop is rows {top} to {bottom} and columns {left} to {right}, which is no box"
+            ));
         }
         if matches!(self.camera, Camera::Nominal { .. }) && !self.ground_truth.is_stereo() {
             return Err(

@@ -188,7 +188,10 @@ fn contradictions_are_found() {
             ..eigen()
         },
         Protocol {
-            camera: Camera::Unknown,
+            crop: Crop::Pixels {
+                rows: [45, 471],
+                columns: [41, 41],
+            },
             ..eigen()
         },
         Protocol {

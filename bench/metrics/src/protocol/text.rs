@@ -1,7 +1,9 @@
 //! A protocol as text: the canonical one behind its digest, and sentences for people.
 
 use super::camera::Camera;
-use super::choices::{D1Rule, GroundTruthKind, InfiniteDepth, LogBase, PostProcessing, Resize};
+use super::choices::{
+    Crop, D1Rule, GroundTruthKind, InfiniteDepth, LogBase, PostProcessing, Resize,
+};
 use super::group::{Group, Grouping};
 use super::rules::Protocol;
 
@@ -86,9 +88,13 @@ impl Protocol {
             } => format!("agreed,focal_fraction={focal_fraction:?},baseline_m={baseline_m:?}"),
             Camera::Unknown => "unknown".to_owned(),
         };
-        let crop = match crop.fractions() {
-            None => "none".to_owned(),
-            Some([top, bottom, left, right]) => {
+        let crop = match (crop, crop.fractions()) {
+            (Crop::Pixels { rows, columns }, _) => format!(
+                "pixels,{},{},{},{}",
+                rows[0], rows[1], columns[0], columns[1]
+            ),
+            (_, None) => "none".to_owned(),
+            (_, Some([top, bottom, left, right])) => {
                 format!("truncate,{top:?},{bottom:?},{left:?},{right:?}")
             }
         };
@@ -181,8 +187,11 @@ impl Protocol {
                 "Camera: focal length {focal_fraction} of the image width and baseline \
                  {baseline_m} m for every image."
             ),
-            Camera::Unknown => {
+            Camera::Unknown if self.median_scaling => {
                 "Camera: none; depth is 1 / disparity and gets its unit from the scale.".to_owned()
+            }
+            Camera::Unknown => {
+                "Camera: none; for models that give metres, which need none.".to_owned()
             }
         });
         lines.push(
@@ -203,9 +212,13 @@ impl Protocol {
                 "Post-processing: blended with the prediction for the mirrored image.".to_owned(),
             );
         }
-        lines.push(match self.crop.fractions() {
-            None => "Crop: none.".to_owned(),
-            Some([top, bottom, left, right]) => format!(
+        lines.push(match (self.crop, self.crop.fractions()) {
+            (Crop::Pixels { rows, columns }, _) => format!(
+                "Crop: rows {} to {} and columns {} to {} in pixels, upper ends excluded.",
+                rows[0], rows[1], columns[0], columns[1]
+            ),
+            (_, None) => "Crop: none.".to_owned(),
+            (_, Some([top, bottom, left, right])) => format!(
                 "Crop: {:?}, rows {top} to {bottom} of the height, columns {left} to {right} of \
                  the width, products truncated.",
                 self.crop

@@ -7,8 +7,17 @@ use strat_splits::Role;
 
 use strat_store::set::check_id;
 
+/// Needed where the list has a column `right`; a list of single images needs only the first.
 const REQUIRED: [&str; 4] = ["left", "right", "focal_px", "baseline_m"];
-const OPTIONAL: [&str; 5] = ["id", "split", "depth", "disparity", "depth_scale"];
+const OPTIONAL: [&str; 7] = [
+    "id",
+    "split",
+    "depth",
+    "disparity",
+    "depth_scale",
+    "invalid",
+    "disparity_offset_px",
+];
 
 /// Shares of the pairs that are drawn where the list does not say their role; the rest is for training.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,9 +52,11 @@ pub struct Row {
     pub role: Role,
     /// As written.
     pub left: String,
-    /// As written.
-    pub right: String,
+    /// As written; none of an image that stands alone.
+    pub right: Option<String>,
+    /// 0 where it is not known, which only an image that stands alone may leave open.
     pub focal_px: f64,
+    /// 0 where it is not known, as the focal length.
     pub baseline_m: f64,
     pub truth: Option<Truth>,
 }
@@ -56,7 +67,12 @@ pub struct Truth {
     /// As written.
     pub file: String,
     pub is_disparity: bool,
+    /// What the values in the file are divided by.
     pub scale: Option<f64>,
+    /// The value in the file that stands for "not measured"; 0 where none is named.
+    pub invalid: Option<f64>,
+    /// Added to measured disparity: how much farther right the principal point of the right camera is.
+    pub offset_px: f64,
 }
 
 /// A row that cannot be used.
@@ -100,10 +116,12 @@ impl Columns {
                 return Err(format!("line 1: the column `{known}` is there twice"));
             }
         }
+        let is_of_pairs = columns.contains_key("right");
         for name in REQUIRED {
-            if !columns.contains_key(name) {
+            if !columns.contains_key(name) && (is_of_pairs || name == "left") {
                 return Err(format!(
-                    "line 1: the column `{name}` is missing; {} are required",
+                    "line 1: the column `{name}` is missing; {} are required, or `left` and ground truth \
+                     alone where no image has a right one",
                     REQUIRED.join(", ")
                 ));
             }
@@ -113,12 +131,17 @@ impl Columns {
                 "line 1: there are a column `depth` and a column `disparity`; keep one".to_owned(),
             );
         }
-        if columns.contains_key("depth_scale")
-            && !columns.contains_key("depth")
-            && !columns.contains_key("disparity")
-        {
+        let has_truth = columns.contains_key("depth") || columns.contains_key("disparity");
+        for name in ["depth_scale", "invalid"] {
+            if columns.contains_key(name) && !has_truth {
+                return Err(format!(
+                    "line 1: the column `{name}` needs a column `depth` or `disparity`"
+                ));
+            }
+        }
+        if columns.contains_key("disparity_offset_px") && !columns.contains_key("disparity") {
             return Err(
-                "line 1: the column `depth_scale` needs a column `depth` or `disparity`".to_owned(),
+                "line 1: the column `disparity_offset_px` needs a column `disparity`".to_owned(),
             );
         }
         Ok(Self(columns))
@@ -192,22 +215,25 @@ fn parse_row(
         .collect();
     let fields = fields.ok_or("it is not UTF-8 text; save the file as UTF-8")?;
     let text = |name: &str| columns.get(&fields, name);
-    let given = |name: &str| match text(name) {
-        "" => Err(format!("`{name}` is empty")),
-        text => Ok(text.to_owned()),
-    };
-    let positive = |name: &str| {
+    let number = |name: &str, what: &str, fits: fn(f64) -> bool| {
         let number = text(name).parse().ok();
-        number
-            .filter(|n: &f64| n.is_finite() && *n > 0.0)
-            .ok_or_else(|| {
-                format!(
-                    "`{name}` should be a positive number, but is `{}`",
-                    text(name)
-                )
-            })
+        number.filter(|n| fits(*n)).ok_or_else(|| {
+            let text = text(name);
+            format!("`{name}` should be {what}, but is `{text}`")
+        })
     };
-    let left = given("left")?;
+    let positive = |name: &str| number(name, "a positive number", |n| n.is_finite() && n > 0.0);
+    let right = text("right");
+    let is_single = right.is_empty();
+    // What an image that stands alone may leave open.
+    let positive_or_unknown = |name: &str| match text(name) {
+        "" if is_single => Ok(0.0),
+        _ => positive(name),
+    };
+    let left = match text("left") {
+        "" => return Err("`left` is empty".to_owned()),
+        left => left.to_owned(),
+    };
     let id = match text("id") {
         "" => id_of(&left),
         id => id.to_owned(),
@@ -226,24 +252,51 @@ fn parse_row(
                 )
             })?
         }
+        false if is_single => Role::Test,
         false => shares.role(&id),
     };
     known.role = Some(role);
+    let (focal_px, baseline_m) = (
+        positive_or_unknown("focal_px")?,
+        positive_or_unknown("baseline_m")?,
+    );
     let is_disparity = columns.0.contains_key("disparity");
     let file = text(if is_disparity { "disparity" } else { "depth" });
-    let scale = match text("depth_scale") {
-        "" => None,
-        _ => Some(positive("depth_scale")?),
+    if is_single && role != Role::Test {
+        return Err(format!(
+            "`right` is empty, and an image without a right one can only be tested on; `split` is {role}"
+        ));
+    }
+    if is_single && file.is_empty() {
+        return Err(
+            "`right` is empty, and so is the ground truth that the image could be tested with"
+                .to_owned(),
+        );
+    }
+    if is_single && is_disparity && (focal_px == 0.0 || baseline_m == 0.0) {
+        return Err(
+            "`disparity` becomes depth with `focal_px` and `baseline_m`, which are not both there"
+                .to_owned(),
+        );
+    }
+    let given = |name: &str| !text(name).is_empty();
+    let scale = given("depth_scale").then(|| positive("depth_scale"));
+    // Not a number is a usual way to say that nothing was measured, and is always that.
+    let invalid = given("invalid").then(|| number("invalid", "a number", |_| true));
+    let offset = given("disparity_offset_px")
+        .then(|| number("disparity_offset_px", "a number of pixels", f64::is_finite));
+    let truth = Truth {
+        file: file.to_owned(),
+        is_disparity,
+        scale: scale.transpose()?,
+        invalid: invalid.transpose()?,
+        offset_px: offset.transpose()?.unwrap_or(0.0),
     };
     Ok(Row {
-        right: given("right")?,
-        focal_px: positive("focal_px")?,
-        baseline_m: positive("baseline_m")?,
-        truth: (!file.is_empty()).then(|| Truth {
-            file: file.to_owned(),
-            is_disparity,
-            scale,
-        }),
+        right: (!is_single).then(|| right.to_owned()),
+        focal_px,
+        baseline_m,
+        truth: (!file.is_empty()).then_some(truth),
         id,
         role,
         left,
@@ -284,13 +337,15 @@ mod tests {
                 id: "l/Straße 1".to_owned(),
                 role: Role::Test,
                 left: "l/Straße 1.png".to_owned(),
-                right: "r/1.png".to_owned(),
+                right: Some("r/1.png".to_owned()),
                 focal_px: 721.5,
                 baseline_m: 0.54,
                 truth: Some(Truth {
                     file: "d/1.png".to_owned(),
                     is_disparity: true,
-                    scale: Some(100.0)
+                    scale: Some(100.0),
+                    invalid: None,
+                    offset_px: 0.0,
                 }),
             }
         );
@@ -319,6 +374,12 @@ mod tests {
                 "left,right,focal_px,baseline_m,depth_scale\n",
                 "needs a column",
             ),
+            ("left,invalid\n", "`invalid` needs a column"),
+            (
+                "left,depth,disparity_offset_px\n",
+                "needs a column `disparity`",
+            ),
+            ("depth\n", "`left` is missing"),
         ] {
             let problem = parse(text.as_bytes(), SHARES).unwrap_err();
             assert!(
@@ -346,7 +407,7 @@ mod tests {
         let reasons = [
             (2, "`focal_px` should be a positive number, but is `wide`"),
             (4, "the id `b` is there twice"),
-            (5, "`right` is empty"),
+            (5, "can only be tested on; `split` is val"),
             (6, "`baseline_m` should be"),
             (7, "`split` should be train, val or test, but is `dev`"),
             (8, "no usable id"),
@@ -363,6 +424,41 @@ mod tests {
             (&*table.bad[0].id, table.bad[0].role),
             ("a", Some(Role::Val))
         );
+    }
+
+    #[test]
+    fn images_without_a_right_one_are_tested_on() {
+        let text = b"left,depth,depth_scale,invalid\n\
+            rgb/1.png,d/1.png,1000,65535\n\
+            rgb/2.png,,1000,\n";
+        let table = parse(text, SHARES).unwrap();
+        let row = &table.rows[0];
+        assert_eq!((row.role, &row.right), (Role::Test, &None));
+        assert_eq!((row.focal_px, row.baseline_m), (0.0, 0.0));
+        let truth = row.truth.as_ref().unwrap();
+        assert_eq!((truth.scale, truth.invalid), (Some(1000.0), Some(65535.0)));
+        assert!(table.bad[0].problem.contains("so is the ground truth"));
+
+        let text = b"left,right,focal_px,baseline_m,disparity,disparity_offset_px,split\n\
+            a.png,b.png,3997.7,0.193,d.npy,131.111,test\n\
+            c.png,,700,,d.npy,,test\n\
+            d.png,,700,0.5,d.npy,-3,test\n\
+            e.png,,700,0.5,d.npy,,train\n\
+            f.png,,700,0.5,d.npy,much,test\n";
+        let table = parse(text, SHARES).unwrap();
+        let offset = |row: &Row| row.truth.as_ref().unwrap().offset_px;
+        assert_eq!((table.rows.len(), offset(&table.rows[0])), (2, 131.111));
+        assert_eq!(
+            (offset(&table.rows[1]), &table.rows[1].right),
+            (-3.0, &None)
+        );
+        for (bad, reason) in table.bad.iter().zip([
+            "which are not both there",
+            "`split` is train",
+            "a number of pixels, but is `much`",
+        ]) {
+            assert!(bad.problem.contains(reason), "{}", bad.problem);
+        }
     }
 
     #[test]

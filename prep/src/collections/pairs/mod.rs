@@ -1,10 +1,11 @@
-//! A user's own rectified stereo pairs as a prepared set.
+//! A user's own rectified stereo pairs, or images with ground truth alone, as a prepared set.
 //!
 //! One CSV file names them ([`list`]): `left`, `right`, `focal_px` (pixels of the left image) and
-//! `baseline_m` (metres) are required; `id`, `split` and one of `depth` and `disparity` with
-//! `depth_scale` are optional. Ground truth may be a 16-bit PNG, `.npy` or `.exr`; it becomes depth in
-//! metres along the optical axis at the image's own size. Pairs that are not rectified are not
-//! recognised.
+//! `baseline_m` (metres); `id`, `split` and one of `depth` and `disparity` with `depth_scale`,
+//! `invalid` and `disparity_offset_px` are optional. Where `right` is empty an image stands alone: it
+//! needs ground truth, is tested on, and its camera may be unknown. Ground truth may be a 16-bit PNG,
+//! `.npy` or `.exr`; it becomes depth in metres along the optical axis at the image's own size. Pairs
+//! that are not rectified are not recognised.
 
 mod list;
 
@@ -44,7 +45,8 @@ const MAX_BASELINE_M: f64 = 5.0;
 /// A pair with its files.
 struct Pair {
     left: Source,
-    right: Source,
+    /// None of an image that stands alone.
+    right: Option<Source>,
     /// Its ground truth, and what is in the file.
     truth: Option<(Source, Truth)>,
     focal_px: f64,
@@ -110,7 +112,7 @@ fn frames(csv: &Path, table: Table) -> Frames<Pair> {
         id: row.id,
         input: Pair {
             left: file(&row.left),
-            right: file(&row.right),
+            right: row.right.as_deref().map(file),
             truth: row.truth.map(|truth| (file(&truth.file), truth)),
             focal_px: row.focal_px,
             baseline_m: row.baseline_m,
@@ -128,14 +130,20 @@ fn make(files: &SetFiles<'_>, frame: &Frame<Pair>) -> SampleResult<Sample> {
     let Frame { role, id, input } = frame;
     let keep_full = *role == Role::Test;
     let left = files.picture(Side::Left, id, &input.left, None, keep_full)?;
-    let right = files.picture(Side::Right, id, &input.right, None, false)?;
-    same_size(&input.right, right.size, left.size)?;
+    let right = match &input.right {
+        Some(from) => {
+            let right = files.picture(Side::Right, id, from, None, false)?;
+            same_size(from, right.size, left.size)?;
+            Some(right.small)
+        }
+        None => None,
+    };
     let depth = match &input.truth {
         Some((from, truth)) => Some(ground_truth(files, id, input, from, truth, left.size)?),
         None => None,
     };
     Ok(Sample {
-        right: Some(right.small),
+        right,
         left_full: left.full,
         depth_camera: depth,
         ..Sample::new(id, left.size, input.focal_px, input.baseline_m, left.small)
@@ -179,20 +187,31 @@ fn ground_truth(
             ));
         }
     };
-    values.iter_mut().for_each(|value| *value /= scale);
+    let invalid = truth.invalid.unwrap_or(0.0);
     if truth.is_disparity {
-        let negative = values.iter().filter(|value| **value < 0.0).count();
+        // What was measured is told by the value in the file: 0 may be one once the offset is added.
+        let depth_m = |value: f64| {
+            let disparity_px = value / scale + truth.offset_px;
+            match disparity_px > 0.0 && value != invalid {
+                true => depth_from_disparity_px(pair.focal_px, pair.baseline_m, disparity_px),
+                false => 0.0,
+            }
+        };
+        let is_negative = |value: &&f64| {
+            **value != invalid && **value / scale + truth.offset_px < 0.0 && value.is_finite()
+        };
+        let negative = values.iter().filter(is_negative).count();
         if negative > 0 {
             files.doubt(Doubt::NegativeDisparity, from, negative);
         }
-        let depth_m = |disparity_px| match disparity_px > 0.0 {
-            true => depth_from_disparity_px(pair.focal_px, pair.baseline_m, disparity_px),
-            false => 0.0,
-        };
+        values.iter_mut().for_each(|value| *value = depth_m(*value));
+    } else {
+        let depth_m = |value: f64| if value == invalid { 0.0 } else { value / scale };
         values.iter_mut().for_each(|value| *value = depth_m(*value));
     }
     let farthest_m = depth_from_disparity_px(pair.focal_px, pair.baseline_m, MIN_DISPARITY_PX);
-    let beyond = |depth_m: &&f64| depth_m.is_finite() && **depth_m > farthest_m;
+    let beyond =
+        |depth_m: &&f64| depth_m.is_finite() && **depth_m > farthest_m && pair.right.is_some();
     let beyond = values.iter().filter(beyond).count();
     if beyond > 0 {
         files.doubt(Doubt::BeyondSight, from, beyond);
