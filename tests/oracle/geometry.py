@@ -66,6 +66,34 @@ def bilinear(plane, width, height):
     return wide[upper] * (1 - down) + wide[lower] * down
 
 
+def interpolate(plane, width, height, cubic, corners):
+    """Linear or cubic (Keys, a = -0.75) without antialiasing, border repeated; float64.
+
+    Pixels of two sizes share their outer edges, or with `corners` the centres of the corner pixels.
+    """
+
+    def weights(source, target):
+        index = np.arange(target)
+        position = (index + 0.5) * source / target - 0.5
+        if corners:
+            position = index * (source - 1) / max(target - 1, 1)
+        low = np.floor(position).astype(int)
+        shares = np.zeros((target, source))
+        for tap in range(low.min() - 1, low.max() + 3):
+            x = np.abs(position - tap)
+            if cubic:
+                a = -0.75
+                near = (a + 2) * x**3 - (a + 3) * x**2 + 1
+                far = a * x**3 - 5 * a * x**2 + 8 * a * x - 4 * a
+                share = np.where(x <= 1, near, np.where(x < 2, far, 0))
+            else:
+                share = np.maximum(1 - x, 0)
+            shares[index, np.clip(tap, 0, source - 1)] += share
+        return shares
+
+    return weights(plane.shape[0], height) @ plane.astype(np.float64) @ weights(plane.shape[1], width).T
+
+
 def area(plane, width, height):
     """Mean over the source area of each pixel, borders by their share; float64."""
 

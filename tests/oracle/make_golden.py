@@ -231,6 +231,39 @@ def _():
     return [fingerprint(bits(geometry.bilinear(PLANE, *size))) for size in ((150, 90), (17, 20), (7, 90))]
 
 
+@recipe("store/interpolate")
+def _():
+    """For cubic, cubic with corners and linear with corners, at two sizes: the sum, and three values."""
+    found = []
+    for cubic, corners in ((True, False), (True, True), (False, True)):
+        for size in ((150, 90), (17, 20)):
+            other = geometry.interpolate(PLANE, *size, cubic, corners)
+            found += [other.sum(), other[0, 0], other[3, 5], other[-1, -2]]
+    return found
+
+
+@recipe("store/cubic-bytes")
+def _():
+    """OpenCV itself."""
+    import cv2
+
+    image = picture(11, 7)
+    sizes = ((16, 9), (5, 4))
+    return [cv2.resize(image, size, interpolation=cv2.INTER_CUBIC)[:, :, 1] for size in sizes]
+
+
+@recipe("store/bicubic-bytes")
+def _():
+    """Pillow 11 itself."""
+    import PIL
+    from PIL import Image
+
+    if int(PIL.__version__.split(".")[0]) > 11:
+        raise ModuleNotFoundError("Pillow 11 is not there")
+    cases = [((1242, 375), (512, 256)), ((61, 37), (150, 90)), ((61, 37), (17, 90))]
+    return bytes_of(lambda image, size: Image.fromarray(image).resize(size, Image.BICUBIC), cases)
+
+
 def bytes_of(resize, cases):
     """For each (source, target): a fingerprint of all bytes, and the pixel in row 3, column 5."""
     found = []

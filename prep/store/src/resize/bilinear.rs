@@ -82,6 +82,16 @@ fn linear_taps(source: usize, target: usize) -> Vec<Tap> {
 
 /// Resizes an image, each channel as a plane.
 pub fn rgb(image: &RgbImage, width: u32, height: u32) -> RgbImage {
+    by_planes(image, width, height, bilinear_f32)
+}
+
+/// Resizes an image channel by channel, rounded to grey levels.
+pub(super) fn by_planes(
+    image: &RgbImage,
+    width: u32,
+    height: u32,
+    resize: impl Fn(&Plane, usize, usize) -> Plane,
+) -> RgbImage {
     let planes: [Plane; 3] = std::array::from_fn(|channel| {
         let data = image
             .pixels()
@@ -92,7 +102,7 @@ pub fn rgb(image: &RgbImage, width: u32, height: u32) -> RgbImage {
             height: image.height() as usize,
             data,
         };
-        bilinear_f32(&plane, width as usize, height as usize)
+        resize(&plane, width as usize, height as usize)
     });
     let data = (0..planes[0].data.len())
         .flat_map(|i| planes.each_ref().map(|plane| to_byte(plane.data[i])))

@@ -2,12 +2,15 @@
 //!
 //! [`Kernel::Area`] follows OpenCV's `INTER_AREA` in value and rounding: a box filter with fractional
 //! edge weights (PROTOCOL 3.10). [`Kernel::Bilinear`] follows OpenCV's `INTER_LINEAR` convention:
-//! half-pixel centres, repeated border, no antialiasing (PROTOCOL 3.3). [`Kernel::Lanczos3`] follows
-//! Pillow's `LANCZOS` in value and rounding. Coordinates are computed in `f64`.
+//! half-pixel centres, repeated border, no antialiasing (PROTOCOL 3.3). [`Kernel::OpencvCubic`] follows
+//! OpenCV's `INTER_CUBIC` within a grey level, [`Kernel::Lanczos3`] and [`Kernel::PillowBicubic`] follow
+//! Pillow's `LANCZOS` and `BICUBIC` in value and rounding (PROTOCOL 10.5). Coordinates are computed in
+//! `f64`.
 
 mod area;
 mod bilinear;
-mod lanczos;
+mod interpolate;
+mod pillow;
 
 use std::fmt;
 use std::str::FromStr;
@@ -17,6 +20,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::area::area_f32;
 pub use self::bilinear::bilinear_f32;
+pub use self::interpolate::{Alignment, Interpolation, interpolate_f32};
 
 /// How an image is brought to another size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -26,28 +30,47 @@ pub enum Kernel {
     /// [`Kernel::Bilinear`].
     #[default]
     Area,
-    /// Linear interpolation between the four nearest source pixels.
+    /// Linear interpolation between the four nearest source pixels, as OpenCV's `INTER_LINEAR`.
+    #[serde(alias = "opencv-linear")]
     Bilinear,
     /// Antialiased windowed sinc of three lobes, as Pillow's `LANCZOS`.
     #[serde(alias = "lanczos")]
     Lanczos3,
+    /// Cubic interpolation between the sixteen nearest source pixels, as OpenCV's `INTER_CUBIC`; not
+    /// antialiased.
+    #[serde(rename = "opencv-cubic")]
+    OpencvCubic,
+    /// Antialiased cubic of another shape, as Pillow's `BICUBIC`.
+    #[serde(rename = "pillow-bicubic")]
+    PillowBicubic,
 }
 
 /// A name that is no kernel.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("there is no resize kernel `{0}`; the kernels are `area`, `bilinear` and `lanczos3`")]
+#[error(
+    "there is no resize kernel `{0}`; the kernels are `area`, `bilinear` (or `opencv-linear`), `lanczos3`, \
+     `opencv-cubic` and `pillow-bicubic`"
+)]
 pub struct ParseKernelError(String);
 
 impl Kernel {
     /// All kernels.
-    pub const ALL: [Self; 3] = [Self::Area, Self::Bilinear, Self::Lanczos3];
+    pub const ALL: [Self; 5] = [
+        Self::Area,
+        Self::Bilinear,
+        Self::Lanczos3,
+        Self::OpencvCubic,
+        Self::PillowBicubic,
+    ];
 
-    /// `area`, `bilinear` or `lanczos3`.
+    /// The name in settings, manifests and descriptions.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Area => "area",
             Self::Bilinear => "bilinear",
             Self::Lanczos3 => "lanczos3",
+            Self::OpencvCubic => "opencv-cubic",
+            Self::PillowBicubic => "pillow-bicubic",
         }
     }
 }
@@ -65,6 +88,7 @@ impl FromStr for Kernel {
         match text {
             // As Pillow and others call it.
             "lanczos" => Ok(Self::Lanczos3),
+            "opencv-linear" => Ok(Self::Bilinear),
             text => (Self::ALL.into_iter().find(|k| k.as_str() == text))
                 .ok_or_else(|| ParseKernelError(text.to_owned())),
         }
@@ -87,7 +111,9 @@ pub fn rgb(image: &RgbImage, width: u32, height: u32, kernel: Kernel) -> RgbImag
     match kernel {
         Kernel::Area if shrinks => area::rgb(image, width, height),
         Kernel::Area | Kernel::Bilinear => bilinear::rgb(image, width, height),
-        Kernel::Lanczos3 => lanczos::rgb(image, width, height),
+        Kernel::Lanczos3 => pillow::rgb(image, width, height, pillow::Filter::Lanczos3),
+        Kernel::OpencvCubic => interpolate::cubic_rgb(image, width, height),
+        Kernel::PillowBicubic => pillow::rgb(image, width, height, pillow::Filter::Bicubic),
     }
 }
 
@@ -157,8 +183,14 @@ mod tests {
                 .parse::<Kernel>()
                 .unwrap_err()
                 .to_string()
-                .contains("`area`, `bilinear` and `lanczos3`")
+                .contains("`lanczos3`, `opencv-cubic` and")
         );
+        assert_eq!("opencv-linear".parse(), Ok(Kernel::Bilinear));
+        for kernel in Kernel::ALL {
+            let text = serde_yaml::to_string(&kernel).unwrap();
+            assert_eq!(text.trim(), kernel.as_str());
+            assert_eq!(serde_yaml::from_str::<Kernel>(&text).unwrap(), kernel);
+        }
     }
 
     proptest! {
