@@ -361,7 +361,8 @@ impl Figures<'_> {
         }
         let left = load_image(self.set, sample)?;
         let input = model.description.input.clone();
-        let Some(disparity) = model.predict_right(&model::prepare_input(&left, &input))? else {
+        let prepared = model::prepare_input(&left, &input, None)?;
+        let Some(disparity) = model.predict_right(&prepared)? else {
             return Ok(None);
         };
         let size = (disparity.width as u32, disparity.height as u32);

@@ -26,7 +26,7 @@ use crate::{
     },
     evaluate::pipeline::{self, MAX_INITIAL_FAILURES},
     images,
-    model::{self, Description, Model, ModelError},
+    model::{self, Description, Model, ModelError, ModelInput},
     quantity::{self, Conversion, Quantity, StereoCamera, default_quantity},
 };
 
@@ -176,8 +176,13 @@ pub fn targets(request: &Request, description: &Description) -> Result<Vec<Targe
                 ),
             }));
         }
-        let conversion = Conversion::new(quantity, meaning, description.input.width, camera)
-            .map_err(CliError::usage)?;
+        let conversion = Conversion::new(
+            quantity,
+            meaning,
+            description.input.disparity_width(),
+            camera,
+        )
+        .map_err(CliError::usage)?;
         targets.push(Target { format, conversion });
     }
     if request.nearest_m.is_some() && !has_scale(meaning, camera) {
@@ -301,13 +306,14 @@ pub fn predict(
         pool,
         |job| {
             let image = image_files::read_rgb(&job.image)?;
-            Ok::<_, MapError>((model::prepare_input(&image, &input), image.dimensions()))
+            let focal_px = writer.request.camera.map(|camera| camera.focal_px);
+            Ok::<_, MapError>(model::prepare_input(&image, &input, focal_px)?)
         },
         |_, prepared| {
             if model.has_ended() {
                 return ControlFlow::Break(());
             }
-            let predict = |(tensor, size): (Vec<f32>, _)| Ok((model.predict(&tensor)?, size));
+            let predict = |input: ModelInput| Ok((model.predict(&input)?, input.image));
             ControlFlow::Continue(prepared.and_then(predict))
         },
         |job, predicted: Result<(Plane, (u32, u32)), MapError>| {

@@ -310,6 +310,61 @@ def _():
     return bytes_of(lambda image, size: Image.fromarray(image).resize(size, Image.LANCZOS), cases)
 
 
+# What models want as input (PROTOCOL 10.5), on a network that sums the channels with these weights.
+
+IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
+
+
+def channel_sum(grey, top=255.0, mean=(0, 0, 0), std=(1, 1, 1)):
+    return ((grey / top - np.array(mean)) / np.array(std)) @ np.array([0.5, 0.25, 0.125]) + 0.5
+
+
+def bytes_by(resize, image, *rest):
+    """An image resized channel by channel, rounded to grey levels."""
+    planes = [resize(image[:, :, c].astype(np.float64), *rest) for c in range(3)]
+    return np.clip(np.rint(np.stack(planes, axis=-1)), 0, 255)
+
+
+def linear(plane, width, height, corners=False):
+    return geometry.interpolate(plane, width, height, False, corners)
+
+
+def cubic(plane, width, height, corners=False):
+    return geometry.interpolate(plane, width, height, True, corners)
+
+
+@recipe("bench/input-forms")
+def _():
+    small, kitti = picture(31, 18), picture(1242, 375)
+    relu = lambda plane: np.maximum(plane, 0)
+    found = []
+
+    def add(plane):
+        found.extend([plane.sum(), plane[2, 3], plane[-1, -1]])
+
+    stretched = bytes_by(linear, small, 16, 12)
+    # Fixed size, stretched; the same from NHWC in 0..255; half precision and rank 3; bytes and rank 2.
+    add(linear(channel_sum(stretched), 31, 18))
+    add(linear(channel_sum(stretched, top=1.0), 31, 18))
+    add(linear(channel_sum(stretched), 31, 18))
+    add(linear(np.floor(channel_sum(stretched, top=1.0).clip(0, 255)), 31, 18))
+    # Dynamic size as Depth Anything's: factor 14 / 18, 21 x 14; back with corners, with edges, by cubic.
+    dynamic = relu(channel_sum(bytes_by(cubic, small, 21, 14), 255.0, *IMAGENET))
+    add(linear(dynamic, 31, 18, True))
+    add(linear(dynamic, 31, 18))
+    add(cubic(dynamic, 31, 18))
+    # KITTI-benchmark crop to 76 x 22, put back.
+    crop = kitti[23:375, 13:1229]
+    whole = np.zeros((375, 1242))
+    whole[23:375, 13:1229] = linear(channel_sum(bytes_by(geometry.area, crop, 76, 22)), 1216, 352)
+    add(whole)
+    # Depth for a focal length of 1000 px; that of the image is 721.5 px at 31 columns.
+    add(linear(channel_sum(stretched), 31, 18) * 721.5 * 16 / 31 / 1000)
+    # Padded: scale 20 / 31, 20 x 11 in the middle of 20 x 16; the padding is cut off.
+    add(linear(channel_sum(bytes_by(linear, small, 20, 11)), 31, 18))
+    return found
+
+
 # Depth of scans.
 
 

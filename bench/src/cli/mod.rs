@@ -7,6 +7,7 @@
 mod args;
 mod compare;
 mod cues;
+mod describe;
 mod devices;
 mod evaluate;
 mod figures;
@@ -50,6 +51,8 @@ Examples:
       predictions that another program has saved, without a model
   bench --table 3.3 --data eigen_set --model model.onnx --out results --shard 0/8
       one of eight parts, on as many machines; `bench merge results` puts them together
+  bench describe model.onnx --image street.png
+      a first description of a downloaded model, for you to confirm
   bench predict --model model.onnx photos --out depth --format exr,color --focal-px 721.5 --baseline-m 0.54
       depth maps and coloured pictures of a folder of images
   bench latency --model model.onnx --images photos --threads 1,2 --batch 1,4 --out speed
@@ -64,7 +67,8 @@ Models of other projects need a description beside the file (model.yaml for mode
            std: [0.229, 0.224, 0.225], channels: rgb, layout: nchw, kernel: lanczos}
   output: {name: disp, meaning: inverse_depth, sigmoid: {min_depth: 0.1, max_depth: 100},
            scale: 5.4, channel: 0, layout: nchw}
-where meaning is disparity_fraction, disparity_px, inverse_depth or depth (of unknown scale unless
+`bench describe` drafts one; README.md of bench has all keys. There
+meaning is disparity_fraction, disparity_px, inverse_depth or depth (of unknown scale unless
 `scale` says how many metres the unit is), inverse_depth_per_m or depth_m.
 
 Saved predictions need one too (disps.yaml for disps.npy or disps.npz, predictions.yaml in a folder
@@ -102,6 +106,8 @@ enum Command {
     Merge(merge::MergeArgs),
     /// Show what this machine can run models on, and why not on the rest
     Devices(devices::DevicesArgs),
+    /// Draft the description that a model of another project needs, for you to confirm
+    Describe(describe::DescribeArgs),
     /// Write depth, disparity or coloured pictures of images
     Predict(predict::PredictArgs),
     /// Time models over threads and batches, after MLPerf's LoadGen
@@ -176,6 +182,7 @@ fn run(asked: Asked, arguments: Vec<String>) -> anyhow::Result<u8> {
         Command::Setup(args) => setup::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Devices(args) => devices::run(&args),
+        Command::Describe(args) => describe::run(&args),
         Command::Predict(args) => predict::run(&args, arguments),
         Command::Latency(args) => latency::run(&args),
         Command::Cues(args) => cues::run(&args, arguments),

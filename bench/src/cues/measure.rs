@@ -21,7 +21,7 @@ use super::{
 };
 use crate::{
     evaluate::pipeline::{self, MAX_INITIAL_FAILURES},
-    model::{self, InputDescription, Model, ModelError},
+    model::{self, InputDescription, Model, ModelError, ModelInput},
 };
 
 /// Pixels by which a sprite is eroded before its depth is taken.
@@ -80,20 +80,26 @@ pub fn compose(cast: &Cast, background: &Background, pastes: &[Paste]) -> (RgbIm
 
 /// The composites of a job, ready for the model.
 struct Prepared {
-    tensors: Vec<Vec<f32>>,
+    inputs: Vec<ModelInput>,
     masks: Vec<Mask>,
 }
 
-fn prepare(cast: &Cast, background: &Background, job: &Job, input: &InputDescription) -> Prepared {
-    let mut tensors = Vec::with_capacity(job.composites.len());
+fn prepare(
+    cast: &Cast,
+    background: &Background,
+    job: &Job,
+    input: &InputDescription,
+) -> Result<Prepared, ModelError> {
+    let mut inputs = Vec::with_capacity(job.composites.len());
     let mut masks = Vec::new();
     for (_, pastes) in &job.composites {
         let (picture, covered) = compose(cast, background, pastes);
-        tensors.push(model::prepare_input(&picture, input));
+        let focal_px = background.ground.focal_px;
+        inputs.push(model::prepare_input(&picture, input, focal_px)?);
         // All composites of a job cover the same pixels.
         masks = covered;
     }
-    Prepared { tensors, masks }
+    Ok(Prepared { inputs, masks })
 }
 
 /// Maps of a job's composites and the pixels of its sprites.
@@ -113,8 +119,9 @@ pub fn predict_clean(
     let mut first_error = None;
     let mut maps = Vec::with_capacity(backgrounds.len());
     for background in backgrounds {
-        let tensor = model::prepare_input(&background.image, &model.description.input);
-        match model.predict(&tensor) {
+        let (input, focal_px) = (&model.description.input, background.ground.focal_px);
+        let prepared = model::prepare_input(&background.image, input, focal_px);
+        match prepared.and_then(|prepared| model.predict(&prepared)) {
             Ok(map) => maps.push(Ok(map)),
             Err(error) => {
                 maps.push(Err(error.to_string()));
@@ -213,15 +220,18 @@ pub fn run<E>(
         pipeline::chunk_size(pool),
         pool,
         |job| prepare(cast, &backgrounds[job.background], job, &input),
-        |_, Prepared { tensors, masks }| {
+        |_, prepared| {
             if model.has_ended() {
                 return ControlFlow::Break(None);
             }
             let asked = Instant::now();
-            let maps = tensors.iter().map(|tensor| model.predict(tensor));
-            let maps = maps.collect::<Result<_, _>>();
+            let predicted = prepared.and_then(|Prepared { inputs, masks }| {
+                let maps = inputs.iter().map(|input| model.predict(input));
+                let maps = maps.collect::<Result<_, _>>()?;
+                Ok(Predicted { maps, masks })
+            });
             in_model += asked.elapsed();
-            ControlFlow::Continue(maps.map(|maps| Predicted { maps, masks }))
+            ControlFlow::Continue(predicted)
         },
         |job, predicted: Result<Predicted, ModelError>| -> Result<Vec<CueRow>, String> {
             let predicted = predicted.map_err(|error| error.to_string())?;

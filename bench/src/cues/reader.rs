@@ -48,7 +48,7 @@ impl Reader {
     pub fn new(model: &Model, background: &Background, clean: &Plane) -> Self {
         let (meaning, input_width) = (
             model.description.output.meaning(),
-            model.description.input.width,
+            model.description.input.disparity_width(),
         );
         let floor = match meaning {
             OutputMeaning::DisparityFraction => DISPARITY_FLOOR,

@@ -67,8 +67,9 @@ pub fn sheets(
             return Ok(None);
         };
         let (picture, _) = compose(cast, background, pastes);
-        let tensor = model::prepare_input(&picture, &model.description.input);
-        let depth = reader.whole(&model.predict(&tensor)?);
+        let focal_px = background.ground.focal_px;
+        let input = model::prepare_input(&picture, &model.description.input, focal_px)?;
+        let depth = reader.whole(&model.predict(&input)?);
         let last = pastes.last().map(|paste| paste.place);
         Ok(Some(Shown {
             picture,

@@ -43,7 +43,7 @@ use strat_store::{
     set::{PreparedSet, Sample},
 };
 
-use crate::model::{self, InputDescription, Model};
+use crate::model::{self, InputDescription, Model, ModelInput};
 use agreement::ImageAgreement;
 use median::MedianDepth;
 use pipeline::MAX_INITIAL_FAILURES;
@@ -311,7 +311,7 @@ fn run_network<O: Observer>(
 /// What [`model::prepare_input`] gives, on its way to the network; the image itself where a
 /// picture is wanted.
 struct Prepared {
-    tensor: Vec<f32>,
+    input: ModelInput,
     image: Option<RgbImage>,
 }
 
@@ -321,26 +321,27 @@ fn prepare(
     input: &InputDescription,
 ) -> Result<Prepared, SampleError> {
     let image = load_image(task.set, sample)?;
+    let focal_px = Some(sample.focal_px).filter(|focal_px| *focal_px > 0.0);
     Ok(Prepared {
-        tensor: model::prepare_input(&image, input),
+        input: model::prepare_input(&image, input, focal_px)?,
         image: task.pictures.contains(&sample.id).then_some(image),
     })
 }
 
 /// Runs the model once, or twice where flip post-processing is wanted as well.
 fn predict(model: &mut Model, prepared: Prepared, flip: bool) -> Result<Predicted, SampleError> {
-    let Prepared { mut tensor, image } = prepared;
-    let plain = model.predict(&tensor)?;
+    let Prepared { mut input, image } = prepared;
+    let plain = model.predict(&input)?;
     let mut flipped = None;
     if flip {
-        model::mirror_input(&mut tensor, &model.description.input);
-        let mirrored = model.predict(&tensor)?;
+        model::mirror_input(&mut input, &model.description.input);
+        let mirrored = model.predict(&input)?;
         flipped = Some(Plane {
             data: strat_metrics::flip_blend(&plain.data, &mirrored.data, plain.width),
             ..plain
         });
     }
-    let width = model.description.input.width as f32;
+    let width = model.description.input.disparity_width() as f32;
     let meaning = model.description.output.meaning();
     Ok(Predicted {
         plain: Prediction::new(plain, meaning, width),

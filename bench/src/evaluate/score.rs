@@ -11,6 +11,8 @@ use strat_metrics::{
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::{raster::Plane, resize};
 
+use crate::model;
+
 use super::{
     agreement::{self, ImageAgreement},
     comparison::{self, Comparison},
@@ -290,20 +292,7 @@ fn pairs(
 /// Depth at another size. 0 is none, so a pixel that would be mixed with none has none.
 fn resized_depth(plane: &Plane, width: usize, height: usize) -> Plane {
     let mut resized = resize::bilinear_f32(plane, width, height);
-    if plane.data.iter().all(|depth_m| *depth_m != 0.0) {
-        return resized;
-    }
-    let is_there = |depth_m: &f32| if *depth_m == 0.0 { 0.0 } else { 1.0 };
-    let there = Plane {
-        data: plane.data.iter().map(is_there).collect(),
-        ..*plane
-    };
-    let there = resize::bilinear_f32(&there, width, height);
-    for (depth_m, share) in resized.data.iter_mut().zip(there.data) {
-        if share < 0.9999 {
-            *depth_m = 0.0;
-        }
-    }
+    model::clear_mixed(&mut resized, plane, resize::Alignment::Edges);
     resized
 }
 

@@ -11,7 +11,7 @@ use strat_store::{image_files, raster::Plane, resize};
 
 use super::rows::Stage;
 use crate::{
-    model::{self, InputDescription, Model, ModelError},
+    model::{self, InputDescription, Model, ModelError, ModelInput},
     quantity::{Conversion, NoSuchQuantity, Quantity, StereoCamera, default_quantity},
     runtime::process::Transport,
 };
@@ -54,6 +54,22 @@ pub enum LatencyError {
         image: PathBuf,
         /// Largest difference divided by the largest magnitude.
         difference: f32,
+    },
+    /// Images that the model takes in several sizes.
+    #[error(
+        "the size of the model's input depends on the image: {}x{} for {}, {}x{} for {}; time images of \
+         one size",
+        size.0, size.1, first.display(), other.0, other.1, image.display()
+    )]
+    Sizes {
+        /// The first image.
+        first: PathBuf,
+        /// Width and height for it.
+        size: (u32, u32),
+        /// One of another size.
+        image: PathBuf,
+        /// Width and height for that.
+        other: (u32, u32),
     },
     /// The runtime computes something else than what was trained.
     #[error("{0}; a runtime that computes something else is not timed")]
@@ -155,8 +171,8 @@ pub struct Measured {
 pub struct Bench<'a> {
     files: &'a [ImageFile],
     quantity: Quantity,
-    /// `[3, height, width]` of every image.
-    tensors: Vec<Vec<f32>>,
+    /// What the model takes of every image; all of one size.
+    inputs: Vec<ModelInput>,
     /// Of the first images: the prediction at network size.
     references: Vec<Plane>,
 }
@@ -176,10 +192,19 @@ impl<'a> Bench<'a> {
     ) -> Result<Self, LatencyError> {
         assert!(!files.is_empty(), "there must be images");
         let input = &model.description.input;
-        let tensors = files
+        let inputs = files
             .par_iter()
-            .map(|file| prepare(file, input).map(|(tensor, _)| tensor))
+            .map(|file| prepare(file, input))
             .collect::<Result<Vec<_>, _>>()?;
+        let size = inputs[0].size;
+        if let Some(other) = inputs.iter().position(|input| input.size != size) {
+            return Err(LatencyError::Sizes {
+                first: files[0].path.clone(),
+                size,
+                image: files[other].path.clone(),
+                other: inputs[other].size,
+            });
+        }
         let meaning = model.description.output.meaning();
         let camera = files.iter().all(|file| file.camera.is_some());
         let quantity = default_quantity(meaning, files[0].camera.filter(|_| camera));
@@ -188,16 +213,22 @@ impl<'a> Bench<'a> {
             .copied()
             .fold(COMPARED, usize::max)
             .min(files.len());
-        let references = tensors[..compared]
+        let references = inputs[..compared]
             .iter()
-            .map(|tensor| model.predict(tensor))
+            .map(|input| model.predict(input))
             .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             files,
             quantity,
-            tensors,
+            inputs,
             references,
         })
+    }
+
+    /// Width and height of the network's input.
+    #[must_use]
+    pub fn input_size(&self) -> (u32, u32) {
+        self.inputs[0].size
     }
 
     /// The name of the stage that begins with a file.
@@ -225,7 +256,10 @@ impl<'a> Bench<'a> {
         let mut first = 0;
         while first < self.references.len() {
             let images: Vec<usize> = (first..first + batch).collect();
-            let planes = model.predict_batch(&self.joined(&images), batch)?;
+            let inputs = images
+                .iter()
+                .map(|image| &self.inputs[image % self.inputs.len()]);
+            let planes = model.predict_batch(&inputs.collect::<Vec<_>>())?;
             for (image, plane) in images.iter().zip(&planes) {
                 // A batch may reach beyond the compared images, or go round.
                 let Some(reference) = self.references.get(image % self.files.len()) else {
@@ -251,7 +285,7 @@ impl<'a> Bench<'a> {
     fn joined(&self, images: &[usize]) -> Vec<f32> {
         images
             .iter()
-            .flat_map(|image| &self.tensors[image % self.tensors.len()])
+            .flat_map(|image| &self.inputs[image % self.inputs.len()].tensor)
             .copied()
             .collect()
     }
@@ -267,17 +301,18 @@ impl<'a> Bench<'a> {
         minimum: Minimum,
         clock: impl FnMut() -> Duration,
     ) -> Result<Measured, LatencyError> {
-        let rounds = self.tensors.len().div_ceil(batch);
+        let rounds = self.inputs.len().div_ceil(batch);
         let inputs: Vec<Vec<f32>> = (0..rounds)
             .map(|round| {
                 let images: Vec<usize> = (round * batch..(round + 1) * batch).collect();
                 self.joined(&images)
             })
             .collect();
+        let size = self.input_size();
         let mut query = |number: u64| {
             let input = &inputs[number as usize % inputs.len()];
             model
-                .run(input, batch)
+                .run(input, size, batch)
                 .map(|output| drop(std::hint::black_box(output)))
         };
         for number in 0..WARM_UP {
@@ -323,7 +358,7 @@ impl<'a> Bench<'a> {
     ) -> Result<Vec<Plane>, LatencyError> {
         let input = &model.description.input;
         let file = |image: &usize| &self.files[image % self.files.len()];
-        let prepared: Vec<(Vec<f32>, (u32, u32))> = pool.install(|| {
+        let prepared: Vec<ModelInput> = pool.install(|| {
             images
                 .par_iter()
                 .map(|image| prepare(file(image), input))
@@ -331,30 +366,19 @@ impl<'a> Bench<'a> {
         })?;
         let mut planes = Vec::with_capacity(images.len());
         for chunk in prepared.chunks(batch) {
-            let joined;
-            let tensor = match chunk {
-                [(only, _)] => only,
-                several => {
-                    joined = several
-                        .iter()
-                        .flat_map(|(tensor, _)| tensor)
-                        .copied()
-                        .collect();
-                    &joined
-                }
-            };
-            planes.extend(model.predict_batch(tensor, chunk.len())?);
+            planes.extend(model.predict_batch(&chunk.iter().collect::<Vec<_>>())?);
         }
         let (meaning, width) = (
             model.description.output.meaning(),
-            model.description.input.width,
+            model.description.input.disparity_width(),
         );
         pool.install(|| {
             images
                 .par_iter()
                 .zip(planes)
                 .zip(prepared)
-                .map(|((image, plane), (_, size))| {
+                .map(|((image, plane), input)| {
+                    let size = input.image;
                     let conversion =
                         Conversion::new(self.quantity, meaning, width, file(image).camera)?;
                     let full = resize::bilinear_f32(&plane, size.0 as usize, size.1 as usize);
@@ -365,13 +389,11 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// A file as the model's input, and the size of its image.
-fn prepare(
-    file: &ImageFile,
-    input: &InputDescription,
-) -> Result<(Vec<f32>, (u32, u32)), LatencyError> {
+/// A file as the model's input.
+fn prepare(file: &ImageFile, input: &InputDescription) -> Result<ModelInput, LatencyError> {
     let image = image_files::read_rgb(&file.path)?;
-    Ok((model::prepare_input(&image, input), image.dimensions()))
+    let focal_px = file.camera.map(|camera| camera.focal_px);
+    Ok(model::prepare_input(&image, input, focal_px)?)
 }
 
 /// Largest difference, relative to the largest magnitude of the reference.

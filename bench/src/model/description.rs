@@ -7,7 +7,7 @@ use strat_onnx::{
     metadata::{InputRange, OutputMeaning},
     model::ModelFile,
 };
-use strat_store::resize::Kernel;
+use strat_store::resize::{Alignment, Interpolation, Kernel};
 
 use super::error::ModelError;
 
@@ -31,6 +31,33 @@ pub enum Layout {
     Nchw,
     /// Batch, row, column, channel (TensorFlow).
     Nhwc,
+}
+
+/// What becomes of the aspect of an image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Fit {
+    /// The image is stretched to the width and height of the input.
+    #[default]
+    Stretch,
+    /// The image keeps its aspect, up to rounding: the input's size follows from it, or where that is
+    /// fixed, the rest is padded.
+    KeepAspect,
+}
+
+/// The part of an image that a model is shown. Its map is put back to its place; elsewhere there is none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum InputCrop {
+    /// 352 rows at the bottom and 1216 columns in the middle (PROTOCOL 10.2).
+    KittiBenchmark,
+    /// A box in pixels of the image.
+    Pixels {
+        /// First row and one past the last.
+        rows: [u32; 2],
+        /// First column and one past the last.
+        columns: [u32; 2],
+    },
 }
 
 /// A sigmoid that stands for inverse depth between two limits, as monodepth2's does: a value s is
@@ -131,10 +158,29 @@ pub struct InputDescription {
     /// Name of the input; the graph's only input when left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Width in pixels.
-    pub width: u32,
-    /// Height in pixels.
-    pub height: u32,
+    /// Width in pixels; none where it depends on the image.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub width: Option<u32>,
+    /// Height in pixels; none where it depends on the image.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height: Option<u32>,
+    /// What becomes of the aspect of an image.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub fit: Fit,
+    /// Where the size depends on the image: what its shorter side is brought to, at least. The image
+    /// keeps its size without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shorter_side: Option<u32>,
+    /// Where the size depends on the image: both sides are rounded to multiples of this.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub multiple_of: Option<u32>,
+    /// Colour (R, G, B, grey levels from 0 to 255) around a picture that does not fill the input;
+    /// black without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pad: Option<[f32; 3]>,
+    /// The part of the image that is shown; all of it without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crop: Option<InputCrop>,
     /// Interval of the colour values before normalisation.
     pub range: InputRange,
     /// Subtracted from each channel (R, G, B), in units of `range`.
@@ -152,6 +198,56 @@ pub struct InputDescription {
     /// Kernel with which an image is brought to the input size.
     #[serde(default = "area")]
     pub kernel: Kernel,
+}
+
+impl InputDescription {
+    /// An input of one size, in the habit of this project's own models.
+    #[must_use]
+    pub fn fixed(width: u32, height: u32, range: InputRange) -> Self {
+        Self {
+            name: None,
+            width: Some(width),
+            height: Some(height),
+            fit: Fit::Stretch,
+            shorter_side: None,
+            multiple_of: None,
+            pad: None,
+            crop: None,
+            range,
+            mean: [0.0; 3],
+            std: ones(),
+            channels: ChannelOrder::Rgb,
+            layout: Layout::Nchw,
+            kernel: area(),
+        }
+    }
+
+    /// The width that disparity in pixels is counted in. Where it depends on the image no output has
+    /// that meaning, and this is 1.
+    #[must_use]
+    pub fn disparity_width(&self) -> u32 {
+        self.width.unwrap_or(1)
+    }
+
+    /// The size in words.
+    #[must_use]
+    pub fn size_text(&self) -> String {
+        match (self.width, self.height) {
+            (Some(width), Some(height)) => format!("{width}x{height}"),
+            _ => {
+                let side = self.shorter_side.map_or_else(
+                    || "as the image".to_owned(),
+                    |side| format!("shorter side {side}"),
+                );
+                let multiple = self.multiple_of.unwrap_or(1);
+                format!("{side}, multiples of {multiple}")
+            }
+        }
+    }
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 fn ones() -> [f32; 3] {
@@ -183,9 +279,76 @@ pub struct OutputDescription {
     /// Order of the dimensions.
     #[serde(default)]
     pub layout: Layout,
+    /// Kernel with which a map is brought to the size of the image: `bilinear`, unless it is
+    /// `opencv-cubic`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kernel: Option<Kernel>,
+    /// For that, the centres of the corner pixels coincide and not the outer edges.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub align_corners: bool,
+    /// Depth in metres is what the numbers say times the focal length in pixels of what the network
+    /// was shown, over this one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub canonical_focal_px: Option<f64>,
 }
 
 impl OutputDescription {
+    /// Numbers of this meaning in the only channel, brought back as this project's own are.
+    #[must_use]
+    pub fn plain(meaning: OutputMeaning) -> Self {
+        Self {
+            name: None,
+            meaning,
+            sigmoid: None,
+            scale: None,
+            channel: 0,
+            layout: Layout::Nchw,
+            kernel: None,
+            align_corners: false,
+            canonical_focal_px: None,
+        }
+    }
+
+    /// How a map is brought to the size of the image.
+    pub(super) fn way_back(&self) -> (Interpolation, Alignment) {
+        let interpolation = match self.kernel {
+            Some(Kernel::OpencvCubic) => Interpolation::Cubic,
+            _ => Interpolation::Linear,
+        };
+        let alignment = match self.align_corners {
+            true => Alignment::Corners,
+            false => Alignment::Edges,
+        };
+        (interpolation, alignment)
+    }
+
+    /// # Errors
+    /// Values that contradict each other or are out of range; a sentence.
+    pub(super) fn check(&self) -> Result<(), String> {
+        if let Some(kernel) = self.kernel
+            && !matches!(kernel, Kernel::Bilinear | Kernel::OpencvCubic)
+        {
+            return Err(format!(
+                "maps are brought to the size of the image by `bilinear` (`opencv-linear`) or \
+                 `opencv-cubic`, not by `{kernel}`"
+            ));
+        }
+        if let Some(focal_px) = self.canonical_focal_px {
+            if !(focal_px > 0.0 && focal_px.is_finite()) {
+                return Err(format!(
+                    "`canonical_focal_px` must be a positive number of pixels, not {focal_px}"
+                ));
+            }
+            if self.encoding().meaning() != OutputMeaning::DepthM {
+                return Err(format!(
+                    "`canonical_focal_px` makes metres of depth, so the meaning must be depth_m, not {}",
+                    self.meaning
+                ));
+            }
+        }
+        self.encoding().check()
+    }
+
     /// What its numbers are, before anything is done to them.
     #[must_use]
     pub fn encoding(&self) -> ValueEncoding {
@@ -213,27 +376,56 @@ pub struct Description {
     pub output: OutputDescription,
 }
 
+impl Description {
+    /// # Errors
+    /// What no model has, or what contradicts itself; a sentence.
+    pub fn check(&self) -> Result<(), String> {
+        self.input.check()?;
+        self.output.check()?;
+        if self.output.meaning == OutputMeaning::DisparityPx && self.input.width.is_none() {
+            return Err(
+                "`meaning: disparity_px` is counted in pixels of the input's width, which depends on the \
+                 image here; write `width` and `height`, or another meaning"
+                    .to_owned(),
+            );
+        }
+        Ok(())
+    }
+}
+
+/// Marks a line of a draft that a person has to look at.
+pub(super) const TO_CONFIRM: &str = "to be confirmed";
+
+/// How many lines of a description are still marked `to be confirmed`.
+#[must_use]
+pub fn unconfirmed(text: &str) -> usize {
+    let notes = text.lines().filter_map(|line| line.split_once('#'));
+    notes
+        .filter(|(key, note)| !key.trim().is_empty() && note.contains(TO_CONFIRM))
+        .count()
+}
+
 /// Where the description of a foreign model is looked for.
 #[must_use]
 pub fn description_path(model: &Path) -> PathBuf {
     model.with_extension("yaml")
 }
 
-/// What the model's tensors mean: the YAML file beside it when there is one (`true`), else its
-/// metadata.
-pub(super) fn describe(file: &ModelFile) -> Result<(Description, bool), ModelError> {
+/// What the model's tensors mean: the YAML file beside it when there is one (with a number), else its
+/// metadata. The number is of lines that are still to be confirmed.
+pub(super) fn describe(file: &ModelFile) -> Result<(Description, Option<usize>), ModelError> {
     let model = &file.path;
     let yaml = description_path(model);
     if yaml.is_file() {
         let description: Description =
             strat_store::yaml::load(&yaml).map_err(ModelError::DescriptionFile)?;
-        let checked = description.input.check();
-        let checked = checked.and_then(|()| description.output.encoding().check());
-        checked.map_err(|reason| ModelError::Metadata {
+        let text = strat_store::files::read(&yaml).map_err(ModelError::DescriptionFile)?;
+        let left = unconfirmed(&String::from_utf8_lossy(&text));
+        description.check().map_err(|reason| ModelError::Metadata {
             model: yaml,
             reason,
         })?;
-        return Ok((description, true));
+        return Ok((description, Some(left)));
     }
     let Some(metadata) = file.info.metadata() else {
         // Metadata that is there but damaged explains itself; nothing at all needs a file.
@@ -255,28 +447,15 @@ pub(super) fn describe(file: &ModelFile) -> Result<(Description, bool), ModelErr
             reason: format!("the resize kernel \"{name}\" is not known"),
         })?,
     };
+    let (width, height) = (metadata.input_width, metadata.input_height);
     let description = Description {
         input: InputDescription {
-            name: None,
-            width: metadata.input_width,
-            height: metadata.input_height,
-            range: metadata.input_range,
-            mean: [0.0; 3],
-            std: ones(),
-            channels: ChannelOrder::Rgb,
-            layout: Layout::Nchw,
             kernel,
+            ..InputDescription::fixed(width, height, metadata.input_range)
         },
-        output: OutputDescription {
-            name: None,
-            meaning: metadata.output,
-            sigmoid: None,
-            scale: None,
-            channel: 0,
-            layout: Layout::Nchw,
-        },
+        output: OutputDescription::plain(metadata.output),
     };
-    Ok((description, false))
+    Ok((description, None))
 }
 
 #[cfg(test)]
@@ -291,6 +470,104 @@ mod tests {
         assert_eq!(description.output.meaning, OutputMeaning::DepthM);
         let wrong = text.replace("meaning", "meanin");
         assert!(serde_yaml::from_str::<Description>(&wrong).is_err());
+    }
+
+    #[test]
+    fn lines_with_a_key_are_to_be_confirmed() {
+        let text =
+            "# to be confirmed\na: 1  # to be confirmed\nb: 2\nc: 3  # to be confirmed: why\n";
+        assert_eq!(unconfirmed(text), 2);
+    }
+
+    /// What was written before later keys existed is written as before, so that its identity stays.
+    #[test]
+    fn keys_that_are_not_used_are_not_written() {
+        let description = Description {
+            input: InputDescription::fixed(64, 32, InputRange::Unit),
+            output: OutputDescription::plain(OutputMeaning::DepthM),
+        };
+        let text = serde_yaml::to_string(&description).unwrap();
+        let keys: Vec<&str> = text
+            .lines()
+            .filter_map(|line| line.split(':').next())
+            .collect();
+        let expected = [
+            "input",
+            "  width",
+            "  height",
+            "  range",
+            "  mean",
+            "  - 0.0",
+            "  - 0.0",
+            "  - 0.0",
+            "  std",
+            "  - 1.0",
+            "  - 1.0",
+            "  - 1.0",
+            "  channels",
+            "  layout",
+            "  kernel",
+            "output",
+            "  meaning",
+            "  channel",
+            "  layout",
+        ];
+        assert_eq!(keys, expected);
+    }
+
+    #[test]
+    fn contradictions_are_refused_with_the_key() {
+        let check = |input: &str, output: &str| {
+            let text = format!("input: {{range: 0..1, {input}}}\noutput: {{meaning: {output}}}\n");
+            serde_yaml::from_str::<Description>(&text).unwrap().check()
+        };
+        let dynamic = "fit: keep-aspect, shorter_side: 518, multiple_of: 14";
+        assert_eq!(check(dynamic, "inverse_depth, align_corners: true"), Ok(()));
+        assert_eq!(
+            check("width: 8, height: 4", "depth_m, kernel: opencv-cubic"),
+            Ok(())
+        );
+        for (input, output, word) in [
+            ("width: 8", "depth_m", "`height`"),
+            ("fit: stretch", "depth_m", "`width` and `height`"),
+            (
+                "width: 8, height: 4, shorter_side: 4",
+                "depth_m",
+                "`shorter_side`",
+            ),
+            (
+                "width: 8, height: 4, multiple_of: 4",
+                "depth_m",
+                "`multiple_of`",
+            ),
+            ("width: 8, height: 4, pad: [0, 0, 0]", "depth_m", "`pad`"),
+            ("fit: keep-aspect, pad: [0, 0, 0]", "depth_m", "`pad`"),
+            (
+                "fit: keep-aspect, multiple_of: 0",
+                "depth_m",
+                "`multiple_of`",
+            ),
+            ("fit: keep-aspect", "disparity_px", "disparity_px"),
+            ("width: 8, height: 4", "depth_m, kernel: area", "`area`"),
+            (
+                "width: 8, height: 4",
+                "inverse_depth, canonical_focal_px: 9",
+                "depth_m",
+            ),
+            (
+                "width: 8, height: 4",
+                "depth_m, canonical_focal_px: 0",
+                "positive",
+            ),
+            (
+                "width: 8, height: 4, crop: !pixels {rows: [4, 4], columns: [0, 9]}",
+                "depth_m",
+                "`crop`",
+            ),
+        ] {
+            let error = check(input, output).unwrap_err();
+            assert!(error.contains(word), "{input} {output}: {error}");
+        }
     }
 
     /// monodepth2's own numbers: a sigmoid between 0.1 and 100, depth times 5.4 for stereo models.

@@ -21,8 +21,7 @@ pub enum ModelError {
     /// Nobody says what the tensors mean.
     #[error(
         "{} does not say what its tensors mean, and there is no description at {}; \
-         write one with the keys input (width, height, range) and output (meaning), \
-         see `bench --help`",
+         `bench describe` drafts one from the file, for you to confirm",
         model.display(), yaml.display()
     )]
     Undescribed {
@@ -47,6 +46,37 @@ pub enum ModelError {
         /// What does not fit.
         reason: String,
     },
+    /// The image does not hold the crop of the description.
+    #[error(
+        "the model is shown the image up to row {bottom} and column {right} (`crop` of its description), \
+         but this image is {width}x{height}"
+    )]
+    Crop {
+        /// One past the last row of the crop.
+        bottom: u32,
+        /// One past its last column.
+        right: u32,
+        /// Columns of the image.
+        width: u32,
+        /// Rows of the image.
+        height: u32,
+    },
+    /// An image whose input would be too large.
+    #[error("for this image the model's input would be {width}x{height}, more than {most} pixels")]
+    TooLarge {
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Pixels that it may have.
+        most: u64,
+    },
+    /// Depth for a canonical camera, and an image whose camera is not known.
+    #[error(
+        "the model gives depth for a camera of `canonical_focal_px`; metres need the focal length of the \
+         image, which is not known (`--focal-px`, or a set that has it)"
+    )]
+    NoFocal,
     /// The model ran, but an output is missing.
     #[error("the model gave no output `{wanted}`; its outputs are {found}")]
     NoOutput {

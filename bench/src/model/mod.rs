@@ -7,6 +7,7 @@
 //! Not here: where images come from and how predictions are scored; see [`crate::evaluate`].
 
 mod description;
+pub mod draft;
 mod error;
 mod input;
 pub mod leakage;
@@ -24,15 +25,16 @@ use strat_store::raster::Plane;
 
 use crate::runtime::{Device, Output, Runtime, Session, process::Transport};
 use description::describe;
-use input::check_input;
-use output::{find, left_plane};
+use input::{check_input, tensor_text};
+use output::{find, left_plane, to_image};
 
 pub use description::{
-    ChannelOrder, Description, InputDescription, Layout, OutputDescription, Sigmoid, ValueEncoding,
-    description_path,
+    ChannelOrder, Description, Fit, InputCrop, InputDescription, Layout, OutputDescription,
+    Sigmoid, ValueEncoding, description_path, unconfirmed,
 };
 pub use error::{Implausible, ModelError};
-pub use input::{mirror_input, prepare_input};
+pub use input::{ModelInput, mirror_input, prepare_input};
+pub use output::clear_mixed;
 
 /// Largest difference to the trainer's own output that passes without a warning, in units of the
 /// output. Runtimes differ by about 1e-6 of full scale; a wrong layer differs by far more.
@@ -66,6 +68,8 @@ pub struct Model {
     pub is_described_beside: bool,
     /// Threads within an operation, on which the last bits of its numbers may depend.
     pub threads: usize,
+    /// Lines of that description that are still to be confirmed.
+    pub unconfirmed: usize,
     input: String,
     output: String,
     session: Session,
@@ -85,9 +89,29 @@ impl Model {
         threads: usize,
     ) -> Result<Self, ModelError> {
         let file = strat_onnx::model::read(path)?;
-        let (description, is_described_beside) = describe(&file)?;
+        let (description, unconfirmed) = describe(&file)?;
+        Ok(Self {
+            is_described_beside: unconfirmed.is_some(),
+            unconfirmed: unconfirmed.unwrap_or(0),
+            ..Self::described(name, file, description, runtime, device, threads)?
+        })
+    }
+
+    /// Loads a model that has been read, with a description that stands in no file.
+    ///
+    /// # Errors
+    /// The graph does not fit the description, or the runtime refuses it.
+    pub fn described(
+        name: &str,
+        file: ModelFile,
+        description: Description,
+        runtime: &Runtime,
+        device: Device,
+        threads: usize,
+    ) -> Result<Self, ModelError> {
+        let path = file.path.clone();
         let misfit = |reason: String| ModelError::Graph {
-            model: path.to_path_buf(),
+            model: path.clone(),
             reason,
         };
         let input = pick(
@@ -97,6 +121,19 @@ impl Model {
             "image",
         )
         .map_err(misfit)?;
+        let others = file
+            .info
+            .inputs
+            .iter()
+            .filter(|other| other.name != input.name);
+        let others: Vec<String> = others.map(tensor_text).collect();
+        if !others.is_empty() {
+            return Err(misfit(format!(
+                "it takes more than an image: {}; a model that must be told the camera cannot be asked here, \
+                 so export it with that input as a constant, or save its predictions (`--predictions`)",
+                others.join(", ")
+            )));
+        }
         check_input(input, &description.input).map_err(misfit)?;
         let output = pick(
             "output",
@@ -106,12 +143,13 @@ impl Model {
         )
         .map_err(misfit)?;
         let (input, output) = (input.name.clone(), output.name.clone());
-        let session = runtime.load(path, device, threads)?;
+        let session = runtime.load(&path, device, threads)?;
         Ok(Self {
             name: name.to_owned(),
             file,
             description,
-            is_described_beside,
+            is_described_beside: false,
+            unconfirmed: 0,
             threads,
             input,
             output,
@@ -183,14 +221,23 @@ impl Model {
     }
 
     /// Runs the model on an input of [`prepare_input`] and returns the plane that belongs to the
-    /// left image; its numbers are [`OutputDescription::meaning`].
+    /// left image; its numbers are [`OutputDescription::meaning`]. It is as large as the network's
+    /// output where it shows the whole image and is to be resized bilinearly, as all maps are, and as
+    /// large as the image where the description says otherwise (a crop, padding, another kernel,
+    /// `align_corners`); 0 where the model was not shown the image.
     ///
     /// # Errors
-    /// The runtime fails, the output is missing, has another shape, holds NaN or infinity, or cannot
-    /// be what it is said to be.
-    pub fn predict(&mut self, input: &[f32]) -> Result<Plane, ModelError> {
-        let output = self.run(input, 1)?;
-        left_plane(output, &self.description.input, &self.description.output)
+    /// The runtime fails, the output is missing, has another shape, holds NaN or infinity, cannot
+    /// be what it is said to be, or needs a focal length that is not known.
+    pub fn predict(&mut self, input: &ModelInput) -> Result<Plane, ModelError> {
+        let output = self.run(&input.tensor, input.size, 1)?;
+        self.plane(output, input)
+    }
+
+    fn plane(&self, output: Output, input: &ModelInput) -> Result<Plane, ModelError> {
+        let description = &self.description.output;
+        let plane = left_plane(output, input.size, description)?;
+        to_image(plane, input, description)
     }
 
     /// The disparity of the right view as a fraction of the width, in the right view's own
@@ -198,11 +245,12 @@ impl Model {
     ///
     /// # Errors
     /// As [`predict`](Self::predict).
-    pub fn predict_right(&mut self, input: &[f32]) -> Result<Option<Plane>, ModelError> {
+    pub fn predict_right(&mut self, input: &ModelInput) -> Result<Option<Plane>, ModelError> {
         let left = &self.description.output;
         if self.file.info.metadata().is_none()
             || left.meaning != OutputMeaning::DisparityFraction
             || left.channel > 1
+            || !input.is_whole()
         {
             return Ok(None);
         }
@@ -210,26 +258,31 @@ impl Model {
             channel: 1 - left.channel,
             ..left.clone()
         };
-        let output = self.run(input, 1)?;
+        let output = self.run(&input.tensor, input.size, 1)?;
         if !matches!(output.shape.as_slice(), &[1, 2, _, _]) {
             return Ok(None);
         }
-        left_plane(output, &self.description.input, &right).map(Some)
+        left_plane(output, input.size, &right).map(Some)
     }
 
-    /// As [`predict`](Self::predict) for `count` inputs laid one behind the other; one plane each.
+    /// As [`predict`](Self::predict) for several inputs of one size at once; one plane each.
     ///
     /// # Errors
     /// As [`predict`](Self::predict), or the output is not one map for each image.
-    pub fn predict_batch(&mut self, input: &[f32], count: usize) -> Result<Vec<Plane>, ModelError> {
+    pub fn predict_batch(&mut self, inputs: &[&ModelInput]) -> Result<Vec<Plane>, ModelError> {
+        let &[first, ..] = inputs else {
+            return Ok(Vec::new());
+        };
+        let count = inputs.len();
         if count == 1 {
-            return Ok(vec![self.predict(input)?]);
+            return Ok(vec![self.predict(first)?]);
         }
-        let output = self.run(input, count)?;
+        let tensors: Vec<&[f32]> = inputs.iter().map(|input| &*input.tensor).collect();
+        let output = self.run(&tensors.concat(), first.size, count)?;
         let each = output.data.len() / count.max(1);
-        let (first, rest) = match output.shape.split_first() {
+        let rest = match output.shape.split_first() {
             Some((&first, rest)) if first == count && rest.iter().product::<usize>() == each => {
-                (first, rest)
+                rest
             }
             _ => {
                 return Err(ModelError::OutputShape {
@@ -239,32 +292,65 @@ impl Model {
                 });
             }
         };
-        (0..first)
-            .map(|index| {
+        let planes = inputs.iter().enumerate();
+        planes
+            .map(|(index, input)| {
                 let one = Output {
                     name: output.name.clone(),
                     shape: [&[1], rest].concat(),
                     data: output.data[index * each..(index + 1) * each].to_vec(),
                 };
-                left_plane(one, &self.description.input, &self.description.output)
+                self.plane(one, input)
             })
             .collect()
     }
 
-    /// Runs the session alone on `count` inputs and returns the output as it comes.
+    /// All outputs, that of the description first and it alone with its values, and the map that is read from it before
+    /// anything is said of its meaning.
+    ///
+    /// # Errors
+    /// The runtime fails, or the output is missing.
+    pub fn look(
+        &mut self,
+        input: &ModelInput,
+    ) -> Result<(Vec<Output>, Result<Plane, ModelError>), ModelError> {
+        let shape = self.shape(input.size, 1);
+        let mut outputs = self.session.run(&self.input, shape, &input.tensor, &self.output)?;
+        outputs.sort_by_key(|output| output.name != self.output);
+        let own = find(outputs.clone(), &self.output)?;
+        let meaningless = OutputDescription {
+            sigmoid: None,
+            scale: None,
+            meaning: OutputMeaning::InverseDepth,
+            ..self.description.output.clone()
+        };
+        Ok((outputs, left_plane(own, input.size, &meaningless)))
+    }
+
+    /// Dimensions of `count` tensors of a size, width and height.
+    fn shape(&self, size: (u32, u32), count: usize) -> [usize; 4] {
+        let (width, height) = (size.0 as usize, size.1 as usize);
+        match self.description.input.layout {
+            Layout::Nchw => [count, 3, height, width],
+            Layout::Nhwc => [count, height, width, 3],
+        }
+    }
+
+    /// Runs the session alone on `count` tensors of a size, width and height, and returns the output as
+    /// it comes.
     ///
     /// # Errors
     /// The runtime fails or the output is missing.
-    pub fn run(&mut self, input: &[f32], count: usize) -> Result<Output, ModelError> {
-        let (width, height) = (
-            self.description.input.width as usize,
-            self.description.input.height as usize,
-        );
-        let shape = match self.description.input.layout {
-            Layout::Nchw => [count, 3, height, width],
-            Layout::Nhwc => [count, height, width, 3],
-        };
-        let outputs = self.session.run(&self.input, shape, input, &self.output)?;
+    pub fn run(
+        &mut self,
+        tensors: &[f32],
+        size: (u32, u32),
+        count: usize,
+    ) -> Result<Output, ModelError> {
+        let shape = self.shape(size, count);
+        let outputs = self
+            .session
+            .run(&self.input, shape, tensors, &self.output)?;
         find(outputs, &self.output)
     }
 }

@@ -8,7 +8,7 @@
 use strat_onnx::metadata::{InputRange, OutputMeaning};
 
 use super::{
-    description::{InputDescription, ValueEncoding},
+    description::{Fit, InputCrop, InputDescription, ValueEncoding},
     error::Implausible,
 };
 
@@ -34,12 +34,11 @@ fn is_same_aspect((width, height): Size, (of_width, of_height): Size) -> bool {
     (ratio - 1.0).abs() <= ASPECT_TOLERANCE || (across.0 < down.1 && down.0 < across.1)
 }
 
-/// A network's map shows what its input shows.
+/// A network's map shows what its input, of a size in pixels, shows.
 ///
 /// # Errors
 /// Its aspect is another one.
-pub(super) fn check_output(map: Size, input: &InputDescription) -> Result<(), Implausible> {
-    let of = (input.width as usize, input.height as usize);
+pub(super) fn check_output(map: Size, of: Size) -> Result<(), Implausible> {
     if is_same_aspect(map, of) {
         return Ok(());
     }
@@ -156,9 +155,7 @@ impl InputDescription {
     /// # Errors
     /// Sizes, means or deviations that no input has; a sentence.
     pub(super) fn check(&self) -> Result<(), String> {
-        if self.width == 0 || self.height == 0 {
-            return Err("`width` and `height` of the input must be at least 1".to_owned());
-        }
+        self.check_size()?;
         let (top, text, other) = match self.range {
             InputRange::Unit => (1.0, "0..1", "0..255"),
             InputRange::Bytes => (255.0, "0..255", "0..1"),
@@ -174,6 +171,63 @@ impl InputDescription {
             if mean { "std" } else { "mean" },
             if mean { self.std } else { self.mean },
         ))
+    }
+
+    fn check_size(&self) -> Result<(), String> {
+        let is_fixed = match (self.width, self.height) {
+            (Some(1..), Some(1..)) => true,
+            (None, None) => false,
+            (Some(_), Some(_)) => {
+                return Err("`width` and `height` of the input must be at least 1".to_owned());
+            }
+            (width, _) => {
+                let missing = if width.is_some() { "height" } else { "width" };
+                return Err(format!(
+                    "`{missing}` of the input is missing; write both, or neither where the size depends on \
+                     the image (`fit: keep-aspect`)"
+                ));
+            }
+        };
+        if self.fit == Fit::Stretch && !is_fixed {
+            return Err(
+                "`width` and `height` of the input are needed; where they depend on the image, write `fit: \
+                 keep-aspect` with `shorter_side` and `multiple_of`"
+                    .to_owned(),
+            );
+        }
+        for (key, value) in [
+            ("shorter_side", self.shorter_side),
+            ("multiple_of", self.multiple_of),
+        ] {
+            match value {
+                Some(0) => return Err(format!("`{key}` of the input must be at least 1")),
+                Some(_) if is_fixed => {
+                    return Err(format!(
+                        "`{key}` is for inputs whose size depends on the image, and this one has `width` \
+                         and `height`"
+                    ));
+                }
+                _ => {}
+            }
+        }
+        if self.pad.is_some() && !(is_fixed && self.fit == Fit::KeepAspect) {
+            return Err(
+                "`pad` is for pictures that keep their aspect in an input of one size: `fit: keep-aspect` \
+                 with `width` and `height`"
+                    .to_owned(),
+            );
+        }
+        if let Some(InputCrop::Pixels {
+            rows: [top, bottom],
+            columns: [left, right],
+        }) = self.crop
+            && (top >= bottom || left >= right)
+        {
+            return Err(format!(
+                "`crop` is rows {top} to {bottom} and columns {left} to {right}, which is no box"
+            ));
+        }
+        Ok(())
     }
 
     /// What is possible, but looks like another range; a sentence.
@@ -194,45 +248,25 @@ impl InputDescription {
 
 #[cfg(test)]
 mod tests {
-    use strat_store::resize::Kernel;
-
     use super::*;
-    use crate::model::{ChannelOrder, Layout, Sigmoid};
-
-    fn input(width: u32, height: u32) -> InputDescription {
-        InputDescription {
-            name: None,
-            width,
-            height,
-            range: InputRange::Unit,
-            mean: [0.0; 3],
-            std: [1.0; 3],
-            channels: ChannelOrder::Rgb,
-            layout: Layout::Nchw,
-            kernel: Kernel::Area,
-        }
-    }
+    use crate::model::Sigmoid;
 
     #[test]
     fn outputs_have_the_aspect_of_their_input() {
         for map in [(640, 192), (320, 96), (20, 6), (1280, 384)] {
-            assert_eq!(check_output(map, &input(640, 192)), Ok(()), "{map:?}");
+            assert_eq!(check_output(map, (640, 192)), Ok(()), "{map:?}");
         }
         // A stride of 32 rounds 1242 x 375 to 39 x 12 or cuts it to 38 x 11.
         for map in [(39, 12), (38, 11)] {
-            assert_eq!(check_output(map, &input(1242, 375)), Ok(()), "{map:?}");
+            assert_eq!(check_output(map, (1242, 375)), Ok(()), "{map:?}");
         }
         // [1, 96, 160, 1] read as [1, channels, rows, columns].
-        let error = check_output((1, 160), &input(160, 96))
-            .unwrap_err()
-            .to_string();
+        let error = check_output((1, 160), (160, 96)).unwrap_err().to_string();
         assert!(
             error.contains("1x160") && error.contains("`layout`"),
             "{error}"
         );
-        let error = check_output((96, 160), &input(160, 96))
-            .unwrap_err()
-            .to_string();
+        let error = check_output((96, 160), (160, 96)).unwrap_err().to_string();
         assert!(error.contains("swapped"), "{error}");
     }
 
@@ -306,7 +340,7 @@ mod tests {
 
     #[test]
     fn mean_and_std_are_in_units_of_the_range() {
-        let mut input = input(64, 32);
+        let mut input = InputDescription::fixed(64, 32, InputRange::Unit);
         input.mean = [0.485, 0.456, 0.406];
         input.std = [0.229, 0.224, 0.225];
         assert_eq!((input.check(), input.doubt()), (Ok(()), None));

@@ -8,7 +8,7 @@ use strat_onnx::metadata::OutputMeaning;
 use strat_store::set::{Content, Sample};
 
 use super::{
-    Model, ModelError, PROBE_TOLERANCE, ProbeResult,
+    Model, ModelError, PROBE_TOLERANCE, ProbeResult, description_path,
     leakage::{self, Leakage},
 };
 
@@ -51,6 +51,14 @@ pub fn vet(model: &mut Model, tested: Option<(Content, &[Sample])>) -> Result<Ve
     };
     if let Some(doubt) = model.description.input.doubt() {
         vetting.warnings.push(format!("model {name}: {doubt}"));
+    }
+    if model.unconfirmed > 0 {
+        vetting.warnings.push(format!(
+            "model {name}: {} lines of its description ({}) are still to be confirmed; its figures are a \
+             draft's",
+            model.unconfirmed,
+            description_path(&model.file.path).display()
+        ));
     }
     if let Some((content, samples)) = tested {
         let leakage = leakage::check(model.file.info.metadata(), content, samples);

@@ -92,7 +92,7 @@ fn model(record: &ModelRecord) -> Markup {
                     dt { "Difference to the trainer" } dd { (format!("{difference:.1e} of the image width, at most")) }
                 }
                 @if let Some(input) = record.description.as_ref().map(|both| &both.input) {
-                    dt { "Input" } dd { (input.width) "x" (input.height) }
+                    dt { "Input" } dd { (input.size_text()) }
                 }
                 @if let Some(metadata) = &record.metadata {
                     @if let Some(variant) = &metadata.variant { dt { "Variant" } dd { (variant) } }

@@ -104,12 +104,12 @@ pub enum RuntimeError {
         /// What the system said.
         reason: String,
     },
-    /// An output is not a tensor of 32-bit floats.
-    #[error("the model's output `{name}` is not a tensor of 32-bit floats: {reason}")]
+    /// An output is a tensor of a type that maps do not have.
+    #[error("the model's output `{name}` is {found}; maps are read as f32, f16 or u8")]
     NotFloat {
         /// The output.
         name: String,
-        /// The runtime's words, shortened.
-        reason: String,
+        /// What it is, in the runtime's words.
+        found: String,
     },
 }

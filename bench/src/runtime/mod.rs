@@ -24,7 +24,7 @@ use std::{
 use strat_onnx::embedded::EmbeddedSession;
 use strat_store::guard::guarded;
 
-use onnxruntime::{Loaded, provider_text, shorten};
+use onnxruntime::{Loaded, RunError, provider_text, shorten};
 use process::{Limits, Transport, Worker};
 
 pub use device::{Device, ParseDeviceError};
@@ -350,11 +350,12 @@ impl Session {
         }
     }
 
-    /// Runs the model on one input tensor `[n, c, h, w]`. All outputs are named; only the `wanted` one
-    /// need have its values.
+    /// Runs the model on one input tensor `[n, c, h, w]`, whose values are converted to the type that the
+    /// input takes: 32- or 16-bit floats, or whole numbers of 8 bits. All outputs are named; only the
+    /// `wanted` one need have its values.
     ///
     /// # Errors
-    /// The runtime fails, or an output is not a tensor of 32-bit floats.
+    /// The runtime fails, or an output is a tensor of another type than those.
     pub fn run(
         &mut self,
         input: &str,
@@ -362,52 +363,30 @@ impl Session {
         data: &[f32],
         wanted: &str,
     ) -> Result<Vec<Output>, RuntimeError> {
-        match &mut self.engine {
-            Engine::Process(worker) => worker.run(input, shape, data, wanted),
-            Engine::Embedded(session) => Ok(session
-                .run(input, &shape, data)?
-                .into_iter()
-                .map(|(name, shape, data)| Output { name, shape, data })
-                .collect()),
+        let outputs = match &mut self.engine {
+            Engine::Process(worker) => return worker.run(input, shape, data, wanted),
+            Engine::Embedded(session) => {
+                let outputs = session.run(input, &shape, data);
+                outputs.map_err(RuntimeError::from)
+            }
             Engine::OnnxRuntime(session) => {
                 let runtime = &self.runtime;
-                let failed = |error: ort::Error| RuntimeError::Run {
-                    runtime: runtime.clone(),
-                    reason: shorten(error.message()),
-                };
-                let tensor =
-                    ort::value::TensorRef::from_array_view((shape, data)).map_err(failed)?;
-                let panicked = |reason: String| RuntimeError::Run {
+                let failed = |reason: String| RuntimeError::Run {
                     runtime: runtime.clone(),
                     reason,
                 };
-                let outputs = guarded("its binding", || session.run(ort::inputs![input => tensor]));
-                let outputs = outputs.map_err(panicked)?.map_err(failed)?;
-                outputs
-                    .iter()
-                    .map(|(name, value)| {
-                        let (shape, data) = value.try_extract_tensor::<f32>().map_err(|error| {
-                            RuntimeError::NotFloat {
-                                name: name.to_owned(),
-                                reason: shorten(error.message()),
-                            }
-                        })?;
-                        Ok(Output {
-                            name: name.to_owned(),
-                            // A tensor that exists has no negative dimension.
-                            shape: shape
-                                .iter()
-                                .map(|&size| usize::try_from(size).unwrap_or(0))
-                                .collect(),
-                            data: match name == wanted {
-                                true => data.to_vec(),
-                                false => Vec::new(),
-                            },
-                        })
-                    })
-                    .collect()
+                let outputs = onnxruntime::run(session, input, shape, data, wanted);
+                outputs.map_err(|error| match error {
+                    RunError::Failed(error) => failed(shorten(error.message())),
+                    RunError::Panicked(reason) => failed(reason),
+                    RunError::Type { name, found } => RuntimeError::NotFloat { name, found },
+                })
             }
-        }
+        };
+        let outputs = outputs?.into_iter();
+        Ok(outputs
+            .map(|(name, shape, data)| Output { name, shape, data })
+            .collect())
     }
 }
 

@@ -5,6 +5,11 @@ use std::{
     sync::{Arc, OnceLock},
 };
 
+use half::f16;
+use ort::value::{TensorElementType, TensorRef};
+use strat_onnx::embedded::NamedTensor;
+use strat_store::guard::guarded;
+
 use super::{
     device::Device,
     error::RuntimeError,
@@ -134,6 +139,84 @@ pub(super) fn load(
         .with_config_entry("session.record_ep_graph_assignment_info", "1")?
         .with_execution_providers(providers)?
         .commit_from_file(model)
+}
+
+/// Why a run gave nothing.
+pub(super) enum RunError {
+    /// In the runtime's words.
+    Failed(ort::Error),
+    /// The binding panicked, in a sentence.
+    Panicked(String),
+    /// An output of a type that is not read.
+    Type {
+        /// The output.
+        name: String,
+        /// Its type.
+        found: String,
+    },
+}
+
+impl From<ort::Error> for RunError {
+    fn from(error: ort::Error) -> Self {
+        Self::Failed(error)
+    }
+}
+
+/// Runs a session on one input, converted to the type that it takes, and names all outputs; the `wanted`
+/// one has its values, as `f32`.
+pub(super) fn run(
+    session: &mut ort::session::Session,
+    input: &str,
+    shape: [usize; 4],
+    data: &[f32],
+    wanted: &str,
+) -> Result<Vec<NamedTensor>, RunError> {
+    let known = session.inputs().iter().find(|known| known.name() == input);
+    let element = known.and_then(|known| known.dtype().tensor_type());
+    let (halves, bytes): (Vec<f16>, Vec<u8>);
+    let inputs = match element {
+        Some(TensorElementType::Float16) => {
+            halves = data.iter().map(|value| f16::from_f32(*value)).collect();
+            ort::inputs![input => TensorRef::from_array_view((shape, halves.as_slice()))?]
+        }
+        Some(TensorElementType::Uint8) => {
+            // Rounded here, and kept within the range by the conversion.
+            bytes = data.iter().map(|value| value.round() as u8).collect();
+            ort::inputs![input => TensorRef::from_array_view((shape, bytes.as_slice()))?]
+        }
+        _ => ort::inputs![input => TensorRef::from_array_view((shape, data))?],
+    };
+    let outputs = guarded("its binding", || session.run(inputs));
+    let outputs = outputs.map_err(RunError::Panicked)??;
+    let named = outputs.iter().map(|(name, value)| {
+        let is_wanted = name == wanted;
+        let (shape, data) = match value.dtype().tensor_type() {
+            Some(TensorElementType::Float32) => {
+                let (shape, data) = value.try_extract_tensor::<f32>()?;
+                (shape, if is_wanted { data.to_vec() } else { Vec::new() })
+            }
+            Some(TensorElementType::Float16) if is_wanted => {
+                let (shape, data) = value.try_extract_tensor::<f16>()?;
+                (shape, data.iter().map(|value| value.to_f32()).collect())
+            }
+            Some(TensorElementType::Uint8) if is_wanted => {
+                let (shape, data) = value.try_extract_tensor::<u8>()?;
+                (shape, data.iter().map(|value| f32::from(*value)).collect())
+            }
+            // What else a model gives is nobody's.
+            _ if !is_wanted => return Ok((name.to_owned(), Vec::new(), Vec::new())),
+            _ => {
+                return Err(RunError::Type {
+                    name: name.to_owned(),
+                    found: value.dtype().to_string(),
+                });
+            }
+        };
+        // A tensor that exists has no negative dimension.
+        let shape = shape.iter().map(|&size| usize::try_from(size).unwrap_or(0));
+        Ok((name.to_owned(), shape.collect(), data))
+    });
+    named.collect()
 }
 
 /// Names the providers that hold nodes; the counts only where there is more than one.

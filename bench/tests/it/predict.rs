@@ -229,8 +229,8 @@ fn maps_of_the_networks_size_are_the_networks_own() {
         ("photos/deep/b.jpg", "out/deep/b.npy"),
     ] {
         let image = image_files::read_rgb(&world.path(image)).unwrap();
-        let tensor = model::prepare_input(&image, &model.description.input);
-        let expected = model.predict(&tensor).unwrap();
+        let input = model::prepare_input(&image, &model.description.input, None).unwrap();
+        let expected = model.predict(&input).unwrap();
         let found: ndarray::Array2<f32> = ndarray_npy::read_npy(world.path(map)).unwrap();
         assert_eq!(found.shape(), [INPUT_HEIGHT as usize, INPUT_WIDTH as usize]);
         assert!(found.iter().eq(expected.data.iter()), "{map}");
