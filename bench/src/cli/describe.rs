@@ -99,20 +99,19 @@ fn describe(args: &DescribeArgs, path: &Path, family: Option<&Family>) -> anyhow
     let tried = Model::described(&name, file, description, &runtime, device, 0)
         .and_then(|mut model| look(&mut model, &image));
     let doubt = match tried {
-        Ok((looks, doubt)) => {
-            for look in &looks {
-                notes.say(&look.text());
-            }
-            if let (Some(image), Some(look)) = (&args.image, looks.first()) {
+        Ok((look, doubt)) => {
+            notes.say(&look.text());
+            if let Some(image) = &args.image {
                 let image = image.file_name().unwrap_or_default().to_string_lossy();
-                draft.take_look(look, &image);
+                draft.take_look(&look, &image);
             }
-            doubt
+            doubt.map(|error| format!("what the model gave is no map: {error}"))
         }
-        Err(error) => Some(error),
+        Err(error) => Some(format!("the model could not be tried: {error}")),
     };
-    if let Some(error) = &doubt {
-        notes.fail(format!("the model was tried, and gives no map: {error}"));
+    let is_whole = doubt.is_none();
+    if let Some(sentence) = doubt {
+        notes.fail(sentence);
     }
     let text = draft.to_string();
     files::write_atomic(&yaml, text.as_bytes())?;
@@ -122,29 +121,16 @@ fn describe(args: &DescribeArgs, path: &Path, family: Option<&Family>) -> anyhow
         "written to {}; {left} lines are to be confirmed",
         yaml.display()
     ));
-    Ok(if doubt.is_none() { DONE } else { FAILED })
+    Ok(if is_whole { DONE } else { FAILED })
 }
 
-/// Asks a model once: a look at the output that is read, then at the others, and why that is no map.
-fn look(
-    model: &mut Model,
-    image: &RgbImage,
-) -> Result<(Vec<Look>, Option<ModelError>), ModelError> {
+/// Asks a model once: a look at the output that is read, and why that is no map.
+fn look(model: &mut Model, image: &RgbImage) -> Result<(Look, Option<ModelError>), ModelError> {
     // A canonical camera changes no sign and no order.
     let input = prepare_input(image, &model.description.input, None)?;
-    let (outputs, map) = model.look(&input)?;
-    let mut looks: Vec<Look> = outputs
-        .iter()
-        .map(|output| Look::new(output, None))
-        .collect();
-    match (map, looks.first_mut(), outputs.first()) {
-        (Ok(map), Some(first), Some(output)) => {
-            *first = Look::new(output, Some(&map));
-            Ok((looks, None))
-        }
-        (Err(error), ..) => Ok((looks, Some(error))),
-        _ => Ok((looks, None)),
-    }
+    let (output, map) = model.look(&input)?;
+    let look = Look::new(&output, map.as_ref().ok());
+    Ok((look, map.err()))
 }
 
 /// A sky above a road, so that there is something to look at.

@@ -11,10 +11,10 @@ use serde::{Deserialize, Serialize};
 const SAMPLED: usize = 1000;
 
 /// Ratios of medians that need no explanation.
-const SENSIBLE_RATIO: std::ops::RangeInclusive<f64> = 0.75..=1.33;
+pub(super) const SENSIBLE_RATIO: std::ops::RangeInclusive<f64> = 0.75..=1.33;
 
 /// Deviation of the ratios from image to image, by their mean, that needs none.
-const SENSIBLE_SPREAD: f64 = 0.35;
+pub(super) const SENSIBLE_SPREAD: f64 = 0.35;
 
 /// Rank correlation below which something is wrong.
 const SENSIBLE_RANK: f64 = 0.5;
@@ -51,7 +51,7 @@ fn median(values: &[f32]) -> Option<f64> {
 
 /// Pearson's correlation of ranks, equal values sharing the mean of theirs. 0 where the prediction
 /// is the same everywhere; none where the truth is.
-fn spearman(truth: &[f32], predicted: &[f32]) -> Option<f64> {
+pub(super) fn spearman(truth: &[f32], predicted: &[f32]) -> Option<f64> {
     let (a, b) = (ranks(truth), ranks(predicted));
     let mean = (a.len() as f64 - 1.0) / 2.0;
     let products = |a: &[f64], b: &[f64]| -> f64 {

@@ -17,17 +17,19 @@ pub enum Remark {
     Warning(String),
 }
 
-/// All that there is to say about the rows of one predictor.
+/// All that there is to say about the rows of one predictor, whose agreement is not doubted again where it
+/// `is_suspected` since the first images.
 pub(super) fn remarks(
     name: &str,
     rows: &[Row],
     agreement: Option<Agreement>,
     gives_depth: bool,
+    is_suspected: bool,
 ) -> Vec<Remark> {
     let mut remarks = Vec::new();
     if let Some(agreement) = agreement {
         remarks.push(Remark::Figure(format!("{name}: {}", agreement.text())));
-        let doubts = agreement.doubts().into_iter();
+        let doubts = agreement.doubts().into_iter().filter(|_| !is_suspected);
         remarks.extend(doubts.map(|doubt| Remark::Warning(format!("{name}: {doubt}"))));
     }
     // Of depth, these are figures of another set of pixels than those of other models.

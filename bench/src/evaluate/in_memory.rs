@@ -157,6 +157,8 @@ fn score_map(
         has_scale: meaning.has_scale(),
         flipped: None,
         image: None,
+        // Maps come in any order.
+        is_early: false,
     };
     score::score(scene, protocols, predicted)
 }
@@ -373,7 +375,7 @@ impl InMemoryRun {
         model.images = images_in(&rows);
         let mut warnings = self.warnings.clone();
         let gives_depth = self.description.meaning_taken() == OutputMeaning::DepthM;
-        for remark in remarks(&self.name, &rows, model.agreement, gives_depth) {
+        for remark in remarks(&self.name, &rows, model.agreement, gives_depth, false) {
             if let Remark::Warning(text) = remark {
                 warnings.push(text);
             }

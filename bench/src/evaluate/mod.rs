@@ -30,6 +30,7 @@ pub mod run;
 pub mod sample;
 pub mod score;
 pub mod shards;
+pub mod suspicion;
 pub mod write;
 
 use std::{collections::BTreeSet, ops::ControlFlow, path::PathBuf};
@@ -43,7 +44,7 @@ use strat_store::{
     set::{PreparedSet, Sample},
 };
 
-use crate::model::{self, InputDescription, Model, ModelInput};
+use crate::model::{self, InputDescription, Model, ModelInput, ValueEncoding};
 use agreement::ImageAgreement;
 use median::MedianDepth;
 use pipeline::MAX_INITIAL_FAILURES;
@@ -51,6 +52,7 @@ use predictions::SavedPredictions;
 use record::Failure;
 use sample::{Scene, load_image};
 use score::{Predicted, Prediction, Scored};
+use suspicion::{FIRST_IMAGES, Look};
 
 pub use comparison::Comparison;
 pub use sample::SampleError;
@@ -76,6 +78,15 @@ pub enum Predictor<'a> {
 }
 
 impl Predictor<'_> {
+    /// What its numbers are; none of a baseline.
+    fn encoding(&self) -> Option<ValueEncoding> {
+        match self {
+            Self::Model(model) => Some(model.description.output.encoding()),
+            Self::Saved(saved) => Some(saved.description.encoding()),
+            Self::MedianDepth(_) => None,
+        }
+    }
+
     /// Its maps hold depth in metres, where 0 is none.
     #[must_use]
     pub fn gives_depth(&self) -> bool {
@@ -101,6 +112,14 @@ pub struct Task<'a> {
     pub pictures: &'a BTreeSet<String>,
 }
 
+impl Task<'_> {
+    /// One of the first images, after which it is said what is suspected.
+    fn is_early(&self, sample: &Sample) -> bool {
+        let mut first = self.samples.iter().take(FIRST_IMAGES);
+        first.any(|first| first.id == sample.id)
+    }
+}
+
 /// Is told what an evaluation has found while it goes on, in the order of the images, on the
 /// calling thread. An error ends the evaluation.
 ///
@@ -108,6 +127,9 @@ pub struct Task<'a> {
 pub trait Observer {
     /// Why it goes no further.
     type Error;
+
+    /// What the first images let suspect is said.
+    const IS_FIRST_LOOK: bool = true;
 
     /// A network gave this disparity as a fraction of image width, at network size; `None` from
     /// networks that give something else.
@@ -149,12 +171,15 @@ pub struct Evaluation {
     pub comparisons: Vec<Comparison>,
     /// How depth lies beside the truth, by image, for those that could be scored.
     pub agreements: Vec<ImageAgreement>,
+    /// What is suspected after the first images; said already.
+    pub suspicions: Vec<String>,
     /// Why the rest was not tried.
     pub gave_up: Option<GaveUp>,
 }
 
 impl Observer for () {
     type Error = std::convert::Infallible;
+    const IS_FIRST_LOOK: bool = false;
 
     fn predicted(&mut self, _: &str, _: Option<&Plane>) -> Result<(), Self::Error> {
         Ok(())
@@ -190,6 +215,8 @@ pub fn evaluate<O: Observer>(
     observer: &mut O,
 ) -> Result<Evaluation, O::Error> {
     let mut collector = Collector {
+        encoding: predictor.encoding().filter(|_| O::IS_FIRST_LOOK),
+        looks: Vec::new(),
         task,
         name,
         progress,
@@ -213,6 +240,7 @@ pub fn evaluate<O: Observer>(
             score_given(&mut collector, take, true, pool, observer)
         }
     };
+    collector.suspect();
     let Collector {
         rows,
         mut outcome,
@@ -259,6 +287,7 @@ fn score_given<O: Observer>(
                 // There is no prediction for the mirrored image.
                 flipped: None,
                 image,
+                is_early: task.is_early(sample),
             };
             let scene = Scene::of_set(task.set, sample);
             Ok(score::score(scene, task.protocols, predicted))
@@ -288,7 +317,8 @@ fn run_network<O: Observer>(
             if model.has_ended() {
                 return ControlFlow::Break(Ended::Over);
             }
-            let result = prepared.and_then(|prepared| predict(model, prepared, flip));
+            let is_early = task.is_early(sample);
+            let result = prepared.and_then(|prepared| predict(model, prepared, flip, is_early));
             if let Ok(Predicted { plain, .. }) = &result {
                 let disparity = match plain {
                     Prediction::DisparityFraction(plane) => Some(plane),
@@ -329,7 +359,12 @@ fn prepare(
 }
 
 /// Runs the model once, or twice where flip post-processing is wanted as well.
-fn predict(model: &mut Model, prepared: Prepared, flip: bool) -> Result<Predicted, SampleError> {
+fn predict(
+    model: &mut Model,
+    prepared: Prepared,
+    flip: bool,
+    is_early: bool,
+) -> Result<Predicted, SampleError> {
     let Prepared { mut input, image } = prepared;
     let plain = model.predict(&input)?;
     let mut flipped = None;
@@ -348,6 +383,7 @@ fn predict(model: &mut Model, prepared: Prepared, flip: bool) -> Result<Predicte
         has_scale: meaning.has_scale(),
         flipped: flipped.map(|plane| Prediction::new(plane, meaning, width)),
         image,
+        is_early,
     })
 }
 
@@ -356,6 +392,10 @@ struct Collector<'a> {
     task: &'a Task<'a>,
     name: &'a str,
     progress: &'a Progress,
+    /// What the numbers are; none of a baseline, which is not suspected.
+    encoding: Option<ValueEncoding>,
+    /// At the first images, until something is said of them.
+    looks: Vec<Look>,
     /// Images so far.
     images: usize,
     /// By protocol.
@@ -380,6 +420,9 @@ impl Collector<'_> {
             rows.extend(own);
         }
         self.images += 1;
+        if self.images == FIRST_IMAGES {
+            self.suspect();
+        }
         self.progress.add(1);
         if is_refused {
             return ControlFlow::Break(Ended::Refused);
@@ -389,6 +432,19 @@ impl Collector<'_> {
             return ControlFlow::Break(Ended::Failing);
         }
         ControlFlow::Continue(())
+    }
+
+    /// Says what is suspected after the first images, or after all where there are fewer.
+    fn suspect(&mut self) {
+        let looks = std::mem::take(&mut self.looks);
+        let Some(encoding) = self.encoding.take() else {
+            return;
+        };
+        for text in suspicion::suspicions(&looks, &encoding) {
+            let text = format!("{}: {text}", self.name);
+            self.progress.println(&format!("warning: {text}"));
+            self.outcome.suspicions.push(text);
+        }
     }
 
     /// Makes rows of the result of one image, by protocol, and puts the rest where it belongs.
@@ -404,6 +460,7 @@ impl Collector<'_> {
         let Scored {
             scores,
             agreement,
+            look,
             comparison,
         } = match scored {
             Ok(scored) => scored,
@@ -423,6 +480,7 @@ impl Collector<'_> {
         }
         outcome.comparisons.extend(comparison);
         outcome.agreements.extend(agreement);
+        self.looks.extend(look);
         rows
     }
 }

@@ -330,7 +330,10 @@ impl TableRun<'_> {
                 "{name} is refused at the first image: its maps are not what its description says"
             )),
         }
-        for remark in remarks(name, &evaluation.rows, agreement, gives_depth) {
+        // What was said after the first images is not said again in other words.
+        self.notes.warnings.extend(evaluation.suspicions.clone());
+        let is_suspected = !evaluation.suspicions.is_empty();
+        for remark in remarks(name, &evaluation.rows, agreement, gives_depth, is_suspected) {
             match remark {
                 Remark::Figure(text) => self.notes.say(&text),
                 Remark::Note(text) => self.notes.note(&text),

@@ -17,6 +17,7 @@ use super::{
     agreement::{self, ImageAgreement},
     comparison::{self, Comparison},
     sample::{SampleError, Scene},
+    suspicion::{self, Look},
 };
 
 /// The median that inverse depth of unknown scale is brought to, as a disparity fraction: a
@@ -86,6 +87,8 @@ pub(super) struct Predicted {
     pub(super) flipped: Option<Prediction>,
     /// The image, where a picture is wanted.
     pub(super) image: Option<RgbImage>,
+    /// One of the first images, which are looked at more closely.
+    pub(super) is_early: bool,
 }
 
 /// The scores of one image.
@@ -94,6 +97,8 @@ pub(super) struct Scored {
     pub(super) scores: Vec<Result<Vec<ImageScore>, SampleError>>,
     /// Under the first protocol that scores images as wholes.
     pub(super) agreement: Option<ImageAgreement>,
+    /// Of one of the first images, under the same protocol.
+    pub(super) look: Option<Look>,
     /// What a picture shows: the score under the first protocol without groups that gives one.
     pub(super) comparison: Option<Comparison>,
 }
@@ -111,6 +116,7 @@ pub(super) fn score(
         has_scale,
         flipped,
         image,
+        is_early,
     } = predicted;
     // Most predictions do not depend on the protocol's camera, so they are resized once.
     let at_image_size = |prediction: Prediction| {
@@ -120,7 +126,7 @@ pub(super) fn score(
     let plain = at_image_size(plain);
     let flipped = flipped.map(at_image_size);
     let mut comparison: Option<Comparison> = None;
-    let mut agreement = None;
+    let (mut agreement, mut look) = (None, None);
     let scores_whole_images = |protocol: &Protocol| protocol.grouping == Grouping::None;
     let is_any_whole = protocols
         .iter()
@@ -164,6 +170,17 @@ pub(super) fn score(
             let width_m = (!gives_depth).then_some(depth_at_width_m);
             let pairs = pairs(protocol, truth, &compared.data, width_m);
             agreement = agreement::of_image(&pairs, has_scale);
+            let camera = (width as u32, truth.camera().calibration.focal_px);
+            look = agreement.filter(|_| is_early).map(|agreement| {
+                suspicion::look(
+                    protocol,
+                    truth,
+                    &compared.data,
+                    !gives_depth,
+                    agreement,
+                    camera,
+                )
+            });
         }
         let has_picture = comparison.as_ref().is_some_and(|one| one.scored.is_some());
         let is_drawn = !has_picture && (scores_whole_images(protocol) || !is_any_whole);
@@ -217,6 +234,7 @@ pub(super) fn score(
             .map(|(protocol, context)| score_under(protocol, context))
             .collect(),
         agreement,
+        look,
         comparison,
     }
 }

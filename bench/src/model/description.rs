@@ -7,7 +7,10 @@ use strat_onnx::{
     metadata::{InputRange, OutputMeaning},
     model::ModelFile,
 };
-use strat_store::resize::{Alignment, Interpolation, Kernel};
+use strat_store::{
+    inputs::{self, Kind},
+    resize::{Alignment, Interpolation, Kernel},
+};
 
 use super::error::ModelError;
 
@@ -419,7 +422,7 @@ pub(super) fn describe(file: &ModelFile) -> Result<(Description, Option<usize>),
     if yaml.is_file() {
         let description: Description =
             strat_store::yaml::load(&yaml).map_err(ModelError::DescriptionFile)?;
-        let text = strat_store::files::read(&yaml).map_err(ModelError::DescriptionFile)?;
+        let text = inputs::read(&yaml, Kind::Yaml).map_err(ModelError::DescriptionFile)?;
         let left = unconfirmed(&String::from_utf8_lossy(&text));
         description.check().map_err(|reason| ModelError::Metadata {
             model: yaml,

@@ -263,7 +263,10 @@ impl Draft {
     pub fn take_look(&mut self, look: &Look, image: &str) {
         let (meaning, reason) = match look.lean() {
             Some(Lean::NearIsLarge) => ("inverse_depth", "larger below than above, as near is"),
-            Some(Lean::FarIsLarge) => ("depth_m", "smaller below than above, as depth is"),
+            Some(Lean::FarIsLarge) => (
+                "depth_m",
+                "smaller below than above, as depth is (`depth` without a unit)",
+            ),
             None => return,
         };
         let open = |line: &Line| line.key == "meaning" && line.note.starts_with(TO_CONFIRM);
@@ -279,7 +282,7 @@ impl Draft {
     /// It contradicts itself; a sentence.
     pub fn description(&self) -> Result<Description, String> {
         let text = self.to_string();
-        let read: Description = serde_yaml::from_str(&text).map_err(|error| error.to_string())?;
+        let read: Description = strat_store::yaml::parse(text.as_bytes())?;
         read.check()?;
         Ok(read)
     }

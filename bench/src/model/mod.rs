@@ -305,26 +305,23 @@ impl Model {
             .collect()
     }
 
-    /// All outputs, that of the description first and it alone with its values, and the map that is read from it before
-    /// anything is said of its meaning.
+    /// The output as it comes, and the map that is read from it before anything is said of its meaning.
     ///
     /// # Errors
     /// The runtime fails, or the output is missing.
     pub fn look(
         &mut self,
         input: &ModelInput,
-    ) -> Result<(Vec<Output>, Result<Plane, ModelError>), ModelError> {
-        let shape = self.shape(input.size, 1);
-        let mut outputs = self.session.run(&self.input, shape, &input.tensor, &self.output)?;
-        outputs.sort_by_key(|output| output.name != self.output);
-        let own = find(outputs.clone(), &self.output)?;
+    ) -> Result<(Output, Result<Plane, ModelError>), ModelError> {
+        let output = self.run(&input.tensor, input.size, 1)?;
         let meaningless = OutputDescription {
             sigmoid: None,
             scale: None,
             meaning: OutputMeaning::InverseDepth,
             ..self.description.output.clone()
         };
-        Ok((outputs, left_plane(own, input.size, &meaningless)))
+        let map = left_plane(output.clone(), input.size, &meaningless);
+        Ok((output, map))
     }
 
     /// Dimensions of `count` tensors of a size, width and height.

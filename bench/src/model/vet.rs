@@ -54,8 +54,8 @@ pub fn vet(model: &mut Model, tested: Option<(Content, &[Sample])>) -> Result<Ve
     }
     if model.unconfirmed > 0 {
         vetting.warnings.push(format!(
-            "model {name}: {} lines of its description ({}) are still to be confirmed; its figures are a \
-             draft's",
+            "model {name}: {} lines of its description ({}) are still to be confirmed, so its numbers \
+             are provisional",
             model.unconfirmed,
             description_path(&model.file.path).display()
         ));

@@ -53,6 +53,7 @@ fn value_info(name: &str, element: i32, dims: Option<&[i64]>) -> ValueInfoProto 
             0 => dimension::Value::DimParam(format!("d{index}")),
             size => dimension::Value::DimValue(size),
         }),
+        ..Dimension::default()
     };
     let shape = dims.map(|dims| TensorShapeProto {
         dim: dims.iter().enumerate().map(dim).collect(),
@@ -64,6 +65,7 @@ fn value_info(name: &str, element: i32, dims: Option<&[i64]>) -> ValueInfoProto 
                 elem_type: Some(element),
                 shape,
             })),
+            ..TypeProto::default()
         }),
         ..ValueInfoProto::default()
     }
@@ -128,7 +130,16 @@ impl Network<'_> {
             nodes.push(node("Transpose", &[last], "channels", vec![order]));
             last = "channels";
         }
-        nodes.push(node("Conv", &[last, "weights", "bias"], "sum", Vec::new()));
+        let kernel = AttributeProto {
+            ints: vec![1, 1],
+            ..attribute("kernel_shape", attribute_type::INTS)
+        };
+        nodes.push(node(
+            "Conv",
+            &[last, "weights", "bias"],
+            "sum",
+            vec![kernel],
+        ));
         last = "sum";
         if self.rank < 4 {
             nodes.push(node("Squeeze", &[last, "axes"], "squeezed", Vec::new()));

@@ -12,3 +12,4 @@ mod pipeline;
 mod protocol;
 mod python;
 mod sources;
+mod suspicions;

@@ -83,6 +83,8 @@ fn images_like_those_of_nyu_are_scored_in_their_crop() {
     let maps = format!("ours={}", text("maps"));
     let measured = |maps: &str, out: &str| {
         let words = [
+            "--table",
+            "all",
             "--data",
             &text("set"),
             "--predictions",

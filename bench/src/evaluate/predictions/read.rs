@@ -82,7 +82,9 @@ impl SavedDescription {
         }
     }
 
-    fn encoding(&self) -> ValueEncoding {
+    /// What the numbers are, before anything is done to them.
+    #[must_use]
+    pub fn encoding(&self) -> ValueEncoding {
         ValueEncoding {
             meaning: self.meaning,
             sigmoid: self.sigmoid,
