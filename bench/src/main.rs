@@ -6,5 +6,6 @@ use std::process::ExitCode;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
+    strat_bench::runtime::process::is_served_here();
     ExitCode::from(strat_bench::cli::main(std::env::args_os()))
 }

@@ -10,7 +10,10 @@ use crate::{
     evaluate::{NamedFile, plan::TableChoice},
     notes::Notes,
     quantity::StereoCamera,
-    runtime::{Device, Runtime, RuntimeChoice, RuntimeError, process::Limits},
+    runtime::{
+        Device, Runtime, RuntimeChoice, RuntimeError,
+        process::{self, Limits},
+    },
 };
 
 /// What runs models; the same for all subcommands that run some.
@@ -52,10 +55,11 @@ impl RuntimeArgs {
 
     /// What a model may take in a process of its own; `None` where it gets none.
     pub(super) fn limits(&self) -> Option<Limits> {
-        (!self.in_process).then_some(Limits {
+        let limits = Limits {
             memory_bytes: (self.max_memory * 1e9) as u64,
             seconds: self.max_seconds,
-        })
+        };
+        process::possible(limits).filter(|_| !self.in_process)
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use strat_store::command::{CliError, DONE};
 
-use crate::runtime::{Device, RuntimeChoice, process};
+use crate::runtime::{Device, RuntimeChoice, serve::serve};
 
 #[derive(Debug, Args)]
 pub(super) struct ModelProcessArgs {
@@ -17,7 +17,6 @@ pub(super) struct ModelProcessArgs {
 }
 
 pub(super) fn run(args: &ModelProcessArgs) -> anyhow::Result<u8> {
-    process::serve(args.runtime, &args.model, args.device, args.threads)
-        .map_err(CliError::failed)?;
+    serve(args.runtime, &args.model, args.device, args.threads).map_err(CliError::failed)?;
     Ok(DONE)
 }

@@ -7,14 +7,17 @@
 //! [`inventory`] says what this machine can run models on. What the tensors mean is not known
 //! here; see [`crate::model`].
 
+mod choice;
 mod device;
 mod error;
 pub(crate) mod ffi;
 pub mod install;
 pub mod inventory;
 mod onnxruntime;
+mod output;
 pub mod process;
 pub mod search;
+pub mod serve;
 
 use std::{
     fmt,
@@ -27,33 +30,11 @@ use strat_store::guard::guarded;
 use onnxruntime::{Loaded, RunError, provider_text, shorten};
 use process::{Limits, Transport, Worker};
 
+pub use choice::RuntimeChoice;
 pub use device::{Device, ParseDeviceError};
 pub use error::RuntimeError;
 pub use ffi::CudaUnavailable;
-
-/// Which runtime to use (`--runtime`).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum RuntimeChoice {
-    /// ONNX Runtime when its library is found, else the embedded runtime with a notice.
-    #[default]
-    Auto,
-    /// ONNX Runtime or an error.
-    Ort,
-    /// The embedded runtime (CPU only, slower, needs nothing installed).
-    Embedded,
-}
-
-impl RuntimeChoice {
-    /// How it is called on the command line.
-    #[must_use]
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::Ort => "ort",
-            Self::Embedded => "embedded",
-        }
-    }
-}
+pub use output::Output;
 
 /// A runtime that is ready to load models.
 #[derive(Clone, Copy)]
@@ -302,17 +283,6 @@ impl fmt::Debug for Session {
             .field("provider", &self.provider)
             .finish_non_exhaustive()
     }
-}
-
-/// One output tensor, row-major.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Output {
-    /// Its name in the graph.
-    pub name: String,
-    /// Its dimensions.
-    pub shape: Vec<usize>,
-    /// Its values.
-    pub data: Vec<f32>,
 }
 
 impl Session {

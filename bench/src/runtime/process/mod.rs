@@ -2,15 +2,14 @@
 //!
 //! An ONNX file is a program: it can loop for ever, ask for terabytes, or crash the runtime that
 //! runs it. So `bench` starts itself once for each model that is loaded; the other process
-//! ([`serve()`]) loads the model and runs it on the tensors that it is given ([`frame`]), and a thread
+//! ([`super::serve`]) loads the model and runs it on the tensors that it is given ([`frame`]), and a thread
 //! here ends it when it takes too much. What happens to it costs that model a sentence. Everything
 //! else, from files to rows, stays in this process and knows nothing of it.
 //!
 //! The other process ends with this one: its input closes. It is in a process group of its own, so
 //! that Ctrl-C reaches only this one, which decides what is put down first.
 
-mod frame;
-mod serve;
+pub mod frame;
 
 use std::{
     ffi::OsString,
@@ -19,7 +18,7 @@ use std::{
     process::{Child, ChildStdin, ChildStdout, Command, Stdio},
     sync::{
         Arc, Condvar, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicU64, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
     thread::JoinHandle,
     time::{Duration, Instant},
@@ -29,11 +28,9 @@ use serde::{Deserialize, Serialize};
 use strat_store::human;
 use sysinfo::{Pid, ProcessRefreshKind, ProcessesToUpdate, System};
 
-use super::{Device, Output, RuntimeChoice, RuntimeError};
+use super::{choice::RuntimeChoice, device::Device, error::RuntimeError, output::Output};
 
-pub use serve::serve;
-
-/// The subcommand that is [`serve()`].
+/// The subcommand that is [`super::serve`].
 pub const COMMAND: &str = "model-process";
 
 /// How long a model may take to load, in times per image: some providers compile it first.
@@ -41,6 +38,22 @@ const LOADING: f64 = 10.0;
 
 /// How often memory and time are looked at.
 const TICK: Duration = Duration::from_millis(50);
+
+/// Whether this program serves [`COMMAND`].
+static SERVED: AtomicBool = AtomicBool::new(false);
+
+/// To be said by a program that passes [`COMMAND`] on to [`super::serve`]. Others, such as tests that call
+/// the command line as a function, would start themselves for each model and have no end; there, models
+/// run within the process.
+pub fn is_served_here() {
+    SERVED.store(true, Ordering::Relaxed);
+}
+
+/// `limits`, where this program can hold models to them.
+#[must_use]
+pub fn possible(limits: Limits) -> Option<Limits> {
+    SERVED.load(Ordering::Relaxed).then_some(limits)
+}
 
 /// What a model may take.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,7 +92,7 @@ impl Transport {
 
 /// How a loaded model introduces itself.
 #[derive(Debug, Serialize, Deserialize)]
-enum Started {
+pub(super) enum Started {
     Ready {
         runtime: String,
         provider: String,
@@ -90,15 +103,15 @@ enum Started {
 
 /// A request; the input's values follow.
 #[derive(Debug, Serialize, Deserialize)]
-struct Ask {
-    input: String,
-    wanted: String,
-    shape: [usize; 4],
+pub(super) struct Ask {
+    pub input: String,
+    pub wanted: String,
+    pub shape: [usize; 4],
 }
 
 /// The answer to it; the values of the wanted output follow.
 #[derive(Debug, Serialize, Deserialize)]
-enum Answer {
+pub(super) enum Answer {
     Outputs {
         /// Names and shapes of all.
         all: Vec<(String, Vec<usize>)>,

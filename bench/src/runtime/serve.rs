@@ -13,8 +13,10 @@ use std::{
 
 use strat_store::guard::guarded;
 
-use super::{Answer, Ask, Started, frame};
-use crate::runtime::{Device, Runtime, RuntimeChoice, Session};
+use super::{
+    Device, Runtime, RuntimeChoice, Session,
+    process::{Answer, Ask, Started, frame},
+};
 
 /// Something is being done for the other end.
 static BUSY: AtomicBool = AtomicBool::new(true);
