@@ -6,6 +6,7 @@ use std::process::ExitCode;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
+    strat_store::signals::tell_size_limits();
     strat_bench::runtime::process::is_served_here();
     ExitCode::from(strat_bench::cli::main(std::env::args_os()))
 }

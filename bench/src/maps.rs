@@ -17,6 +17,7 @@ use strat_store::{
     progress::Progress,
     raster::Plane,
     resize,
+    signals::Watch,
 };
 
 use crate::{
@@ -287,6 +288,8 @@ pub struct Outcome {
     pub failed: usize,
     /// Values that did not fit into 16 bits.
     pub too_large: usize,
+    /// A signal ended the work.
+    pub interrupted: bool,
 }
 
 /// Predicts and writes all images. Failures are named on stderr.
@@ -298,6 +301,7 @@ pub fn predict(
     progress: &Progress,
 ) -> Outcome {
     let mut outcome = Outcome::default();
+    let watch = Watch::new("stopping after this image");
     let input = model.description.input.clone();
     let mut tried = 0;
     let ended = pipeline::run(
@@ -340,13 +344,17 @@ pub fn predict(
                     });
                 }
             }
+            if watch.told() {
+                outcome.interrupted = true;
+                return ControlFlow::Break(());
+            }
             if outcome.failed >= MAX_INITIAL_FAILURES && outcome.written.is_empty() {
                 return ControlFlow::Break(());
             }
             ControlFlow::Continue(())
         },
     );
-    if ended.is_break() && tried < jobs.len() {
+    if ended.is_break() && tried < jobs.len() && !outcome.interrupted {
         progress.println(&match outcome.written.is_empty() {
             true => format!("error: the first {tried} images all failed, the rest was not tried"),
             false => format!(
@@ -374,6 +382,26 @@ pub struct Writer<'a> {
 }
 
 impl Writer<'_> {
+    /// What the run that `begun` marks the beginning of has written, and the images that it has not:
+    /// those without all of their files, or changed since.
+    #[must_use]
+    pub fn split(&self, begun: &Path, jobs: &[ImageJob]) -> (Vec<PathBuf>, Vec<ImageJob>) {
+        let changed = |path: &Path| path.metadata().and_then(|found| found.modified()).ok();
+        let (mut done, mut left) = (Vec::new(), Vec::new());
+        for job in jobs {
+            let newest = changed(&job.image).max(changed(begun));
+            let paths = self.targets.iter();
+            let paths = paths.map(|target| self.out.join(output_name(&job.name, target.suffix())));
+            let paths: Vec<PathBuf> = paths.collect();
+            if paths.iter().all(|path| changed(path) > newest) {
+                done.extend(paths);
+            } else {
+                left.push(job.clone());
+            }
+        }
+        (done, left)
+    }
+
     /// Writes all formats of one image, or none. Returns the files, and how many values did not
     /// fit into 16 bits.
     fn write(

@@ -13,6 +13,7 @@ use strat_store::claim::{Found, Mark};
 use strat_store::layout::DepthKind;
 use strat_store::raster::Plane;
 use strat_store::set::{PreparedSet, Sample};
+use strat_store::signals::Watch;
 use strat_store::{exr, files, image_files, npy, yaml};
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
@@ -116,9 +117,15 @@ pub fn export(
                 let path = out.join(format!("{id}.{extension}"));
                 files::write_atomic(&path, &bytes).map_err(io::Error::other)
             };
-            each(set, &samples, &mut done, write).map_err(|e| Error::Output {
-                path: out.to_owned(),
-                problem: e.to_string(),
+            each(set, &samples, &mut done, write).map_err(|error| {
+                let problem = error.to_string();
+                match error.downcast::<strat_store::Error>() {
+                    Ok(error) => Error::Store(error),
+                    Err(_) => Error::Output {
+                        path: out.to_owned(),
+                        problem,
+                    },
+                }
             })?;
         }
     }
@@ -229,7 +236,9 @@ fn each(
     done: &mut Exported,
     mut write: impl FnMut(&str, &Plane, &mut u64) -> io::Result<()>,
 ) -> io::Result<()> {
+    let watch = Watch::new("stopping after this map");
     for sample in samples {
+        watch.check().map_err(io::Error::other)?;
         let Some(file) = done.kind.of(sample) else {
             done.without += 1;
             continue;

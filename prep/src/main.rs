@@ -6,5 +6,6 @@ use std::process::ExitCode;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
+    strat_store::signals::tell_size_limits();
     ExitCode::from(strat_prep::cli::main(std::env::args_os()))
 }

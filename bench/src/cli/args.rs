@@ -88,6 +88,14 @@ impl ThreadArgs {
     }
 }
 
+/// Whose results may be replaced; the same for all subcommands that keep what they measured.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct ReplaceArgs {
+    /// Replace results of another run in --out; without it only those are that are made again
+    #[arg(long)]
+    pub(super) force: bool,
+}
+
 /// The camera of images that bring none; both numbers or neither.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct CameraArgs {

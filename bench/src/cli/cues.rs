@@ -6,14 +6,14 @@ use clap::{Args, ValueEnum, builder::PossibleValue};
 use strat_splits::Role;
 use strat_store::{
     command::{CliError, DONE, FAILED, error_chain, print},
-    files,
     set::PreparedSet,
 };
 
-use super::args::{RuntimeArgs, ThreadArgs, named_files};
+use super::args::{ReplaceArgs, RuntimeArgs, ThreadArgs, named_files};
 use crate::{
     cues::{
         backgrounds,
+        error::CueError,
         experiments::{self, Cast, Plan},
         journal::Journal,
         rows,
@@ -21,7 +21,7 @@ use crate::{
         sprites::{self, View},
         summary::Summary,
     },
-    evaluate::NamedFile,
+    evaluate::{NamedFile, ownership},
     model::{Model, ModelError, vet::vet},
     notes::Notes,
     runtime::Device,
@@ -96,6 +96,8 @@ pub(super) struct CuesArgs {
     runtime: RuntimeArgs,
     #[command(flatten)]
     threads: ThreadArgs,
+    #[command(flatten)]
+    replace: ReplaceArgs,
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
@@ -118,6 +120,9 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
         .into());
     };
     let models = named_files("model", &args.models, &[])?;
+    let mut inputs: Vec<&Path> = models.iter().map(|given| given.file.as_path()).collect();
+    inputs.extend([data.as_path()].into_iter().chain(args.sprites.as_deref()));
+    run::MARK.examine(out, &inputs)?;
     let set = PreparedSet::open(data)?;
     let (all, source) = match &args.sprites {
         Some(folder) => (
@@ -148,7 +153,6 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
     };
     let jobs = experiments::jobs(plan, &cast, &grounds)?;
     let runtime = args.runtime.resolve()?;
-    files::check_writable(out)?;
     let cue_run = CueRun {
         set: &set,
         cast,
@@ -159,6 +163,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
         out,
         quiet: args.runtime.quiet,
     };
+    let earlier = cue_run.claim(&models, &inputs, args.replace.force)?;
     let mut notes = Notes::new(args.runtime.quiet);
     notes.say(&format!(
         "{} backgrounds, {} composites, {runtime}, device {}",
@@ -195,22 +200,21 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
                 all_rows.extend(outcome.rows);
                 records.push(answers.record);
                 journals.push(answers.journal);
-                // What is there is kept although a later model may fail.
-                if !all_rows.is_empty() {
-                    rows::write(out, &all_rows)?;
-                }
             }
+            Err(error) if is_interrupt(&error) => return Err(error),
             Err(error) => notes.fail(format!("model {name}: {}", error_chain(error.as_ref()))),
         }
     }
-    cue_run.write_record(data, &records, &arguments)?;
-    if !failures.is_empty() {
-        files::write_csv(&out.join(run::FAILURES), &failures)?;
+    if let Some(what) = earlier.iter().find_map(|earlier| earlier.lacks(&records)) {
+        return Err(CliError::failed(ownership::refuse(out, &what)).into());
     }
+    run::write_failures(out, &failures)?;
     if all_rows.is_empty() {
         notes.fail("nothing could be measured, so there is no summary".to_owned());
         return Ok(FAILED);
     }
+    rows::write(out, &all_rows)?;
+    cue_run.write_record(data, &records, &arguments)?;
     notes.say("drawing figures and intervals ...");
     let summary = run::write_results(out, &all_rows)?;
     journals.into_iter().try_for_each(Journal::finish)?;
@@ -224,6 +228,14 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
         ));
     }
     Ok(if notes.incomplete { FAILED } else { DONE })
+}
+
+fn is_interrupt(error: &anyhow::Error) -> bool {
+    let cause = error.downcast_ref();
+    matches!(
+        cause,
+        Some(CueError::Store(strat_store::Error::Interrupted))
+    )
 }
 
 /// Vets a model and asks it about all composites.

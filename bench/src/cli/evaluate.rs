@@ -9,7 +9,7 @@ use strat_store::{
     shard::Shard,
 };
 
-use super::args::{RuntimeArgs, ThreadArgs, named_files};
+use super::args::{ReplaceArgs, RuntimeArgs, ThreadArgs, named_files};
 use crate::{
     draw::comparison,
     evaluate::{
@@ -65,6 +65,8 @@ pub(super) struct EvaluateArgs {
     runtime: RuntimeArgs,
     #[command(flatten)]
     threads: ThreadArgs,
+    #[command(flatten)]
+    replace: ReplaceArgs,
 }
 
 impl From<RunError> for CliError {
@@ -94,6 +96,7 @@ pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result
         median_baseline: args.median_baseline,
         out: &args.out,
         shard: args.shard,
+        force: args.replace.force,
         save_predictions: args.save_predictions,
         pictures: args.pictures,
         extremes: args.extremes,
@@ -105,19 +108,17 @@ pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result
         quiet,
     };
     let finished = run::run(&request, arguments, &comparison::write).map_err(CliError::from)?;
+    finished.check_replacement().map_err(CliError::failed)?;
     let (outcome, folder) = (&finished.outcome, &finished.folder);
-    let code = match args.shard {
+    let (tables, code) = match args.shard {
         Some(shard) => {
             outcome.write(folder)?;
             Notes::new(quiet).say(&format!(
                 "part {shard} is done; when all are, `bench merge {}` puts them together",
                 args.out.display()
             ));
-            if outcome.record.complete {
-                DONE
-            } else {
-                FAILED
-            }
+            let complete = outcome.record.complete;
+            (String::new(), if complete { DONE } else { FAILED })
         }
         None => {
             let asked = !models.is_empty() || !predictions.is_empty() || args.median_baseline;
@@ -125,24 +126,25 @@ pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result
         }
     };
     finished.remove_journals()?;
+    print(tables)?;
     Ok(code)
 }
 
-/// Writes everything that follows from the rows of a whole run and prints the tables. Without rows
-/// there are none, which is a failure where something `was_asked` for.
+/// Writes everything that follows from the rows of a whole run; the tables, to be printed last, and
+/// the exit code. Without rows there are none, which is a failure where something `was_asked` for.
 pub(super) fn conclude(
     outcome: &Outcome,
     out: &Path,
     wanted: &[ThesisTable],
     was_asked: bool,
     quiet: bool,
-) -> anyhow::Result<u8> {
+) -> anyhow::Result<(String, u8)> {
     outcome.write(out)?;
     if outcome.rows.is_empty() && was_asked {
         eprint_line("error: nothing could be measured, so there is no table");
-        return Ok(FAILED);
+        return Ok((String::new(), FAILED));
     }
-    print(write::derived(outcome, out, wanted)?)?;
+    let tables = write::derived(outcome, out, wanted)?;
     Notes::new(quiet).say(&format!("results are in {}", out.display()));
     if !outcome.failures.is_empty() {
         eprint_line(format_args!(
@@ -151,9 +153,6 @@ pub(super) fn conclude(
             out.join(FAILURES).display()
         ));
     }
-    Ok(if outcome.record.complete {
-        DONE
-    } else {
-        FAILED
-    })
+    let complete = outcome.record.complete;
+    Ok((tables, if complete { DONE } else { FAILED }))
 }

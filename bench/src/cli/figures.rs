@@ -1,20 +1,24 @@
 //! `bench figures`: models side by side on the same images.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
 use strat_splits::Role;
 use strat_store::{
+    claim::Mark,
     command::{CliError, DONE, FAILED, error_chain, print},
-    files,
     set::PreparedSet,
     yaml,
 };
 
-use super::args::{RuntimeArgs, ThreadArgs, named_files};
+use super::args::{ReplaceArgs, RuntimeArgs, ThreadArgs, named_files};
 use crate::{
-    evaluate::{NamedFile, record::TOOL_VERSION},
+    evaluate::{
+        NamedFile,
+        ownership::{self, Planned},
+        record::TOOL_VERSION,
+    },
     figures::{self, Choice, Drawn, FigureError, Figures, ModelRecord},
     model::{Model, vet::vet},
     notes::Notes,
@@ -62,7 +66,17 @@ pub(super) struct FiguresArgs {
     runtime: RuntimeArgs,
     #[command(flatten)]
     threads: ThreadArgs,
+    #[command(flatten)]
+    replace: ReplaceArgs,
 }
+
+/// Whose a folder of figures is.
+const MARK: Mark = Mark {
+    command: "bench figures",
+    record: "figures.yaml",
+    begins: "tool: bench figures\n",
+    writes: |name| name == "figures.yaml" || name.ends_with(".svg") || name.ends_with(".png"),
+};
 
 /// What was drawn; written beside the figures.
 #[derive(Serialize)]
@@ -71,14 +85,21 @@ struct Record {
     tool_version: &'static str,
     arguments: Vec<String>,
     data: PathBuf,
-    data_digest: String,
-    protocol: String,
-    images: Vec<String>,
+    #[serde(flatten)]
+    settings: Settings,
     models: Vec<ModelRecord>,
     figures: Vec<String>,
     /// What was warned about.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
+}
+
+/// What makes two runs of one model the same.
+#[derive(Serialize)]
+struct Settings {
+    data_digest: String,
+    protocol: String,
+    images: Vec<String>,
 }
 
 impl From<FigureError> for CliError {
@@ -120,7 +141,25 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
     let given = args.protocol.as_deref();
     let protocol = figures::protocol_for(given, &choice, &set, &samples).map_err(CliError::from)?;
     let chosen = figures::choose(&choice, &protocol, &set, &samples).map_err(CliError::from)?;
-    files::check_writable(&args.out)?;
+    let given = models.iter().chain(&saved);
+    let mut inputs: Vec<&Path> = given.map(|given| given.file.as_path()).collect();
+    inputs.extend(
+        [args.data.as_path()]
+            .into_iter()
+            .chain(args.rows.as_deref()),
+    );
+    let settings = Settings {
+        data_digest: set.manifest.data_digest.clone(),
+        protocol: protocol.name.clone(),
+        images: chosen.iter().map(|sample| sample.id.clone()).collect(),
+    };
+    let planned = Planned {
+        models: &models,
+        named: saved.iter().map(|given| given.name.as_str()).collect(),
+    };
+    let force = args.replace.force;
+    ownership::examine_record(&MARK, &args.out, &inputs, &settings, &planned, force)?;
+    MARK.begin(&args.out)?;
     let pool = args.threads.pool()?;
     let mut notes = Notes::new(args.runtime.quiet);
     let figures = Figures {
@@ -183,15 +222,13 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
         tool_version: TOOL_VERSION,
         arguments,
         data: args.data.clone(),
-        data_digest: set.manifest.data_digest.clone(),
-        protocol: protocol.name.clone(),
-        images: chosen.iter().map(|sample| sample.id.clone()).collect(),
+        settings,
         models: drawn.into_iter().map(|one| one.record).collect(),
         warnings: notes.warnings,
         figures: written.clone(),
     };
     let text = yaml::to_string(&record)?;
-    files::write_atomic(&args.out.join("figures.yaml"), text.as_bytes())?;
+    MARK.finish(&args.out, text.as_bytes())?;
     let lines: Vec<String> = written
         .iter()
         .map(|name| format!("{}\n", args.out.join(format!("{name}.svg")).display()))

@@ -4,15 +4,20 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use strat_store::{
+    claim,
     command::{CliError, DONE, FAILED, error_chain, print},
     files,
+    inputs::{self, Kind},
     set::PreparedSet,
 };
 
-use super::args::{CameraArgs, RuntimeArgs, named_files};
+use super::args::{CameraArgs, ReplaceArgs, RuntimeArgs, named_files};
 use crate::{
-    evaluate::NamedFile,
-    latency::{self, Minimum, Timing},
+    evaluate::{
+        NamedFile,
+        ownership::{self, Planned},
+    },
+    latency::{self, LatencyRow, Minimum, Timing},
     notes::Notes,
     runtime::inventory,
 };
@@ -55,6 +60,8 @@ pub(super) struct LatencyArgs {
     queries: u64,
     #[command(flatten)]
     runtime: RuntimeArgs,
+    #[command(flatten)]
+    replace: ReplaceArgs,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -93,13 +100,26 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
         ))
         .into());
     }
+    let path = args.out.join("latency.csv");
+    let mut inputs: Vec<&Path> = models.iter().map(|given| given.file.as_path()).collect();
+    inputs.extend(
+        args.data
+            .as_deref()
+            .into_iter()
+            .chain(args.images.as_deref()),
+    );
+    claim::check_file(&path, &inputs, "bench latency", latency::HEADER)?;
     files::check_writable(&args.out)?;
+    files::remove_leftovers_among(&args.out, |_| false)?;
     let processor = inventory::processor();
     let threads = if args.threads.is_empty() {
         vec![processor.threads]
     } else {
         distinct(&args.threads)
     };
+    if !args.replace.force {
+        refuse_to_lose(&path, &models, &threads, &distinct(&args.batch))?;
+    }
     let timing = Timing {
         runtime: args.runtime.resolve()?,
         device: args.runtime.device,
@@ -138,11 +158,45 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
         notes.fail("nothing could be measured, so there is no latency.csv".to_owned());
         return Ok(FAILED);
     }
-    let path = args.out.join("latency.csv");
     files::write_atomic_with(&path, |out| latency::write_rows(&rows, out))?;
     print(latency::table(&rows))?;
     notes.say(&format!("rows are in {}", path.display()));
     Ok(if notes.incomplete { FAILED } else { DONE })
+}
+
+/// Refuses to replace times of another model, or with threads and batches that are not timed now.
+fn refuse_to_lose(
+    path: &Path,
+    models: &[NamedFile],
+    threads: &[usize],
+    batches: &[usize],
+) -> Result<(), CliError> {
+    if !path.exists() {
+        return Ok(());
+    }
+    let bytes = inputs::read(path, Kind::Table)?;
+    let rows = latency::read_rows(bytes.as_slice()).unwrap_or_default();
+    let planned = Planned {
+        models,
+        named: Vec::new(),
+    };
+    let held = rows
+        .iter()
+        .map(|row| (row.model.as_str(), row.model_hash.as_str()));
+    let not_timed =
+        |row: &&LatencyRow| !threads.contains(&row.threads) || !batches.contains(&row.batch);
+    let lost = planned.lacks(held).or_else(|| {
+        rows.iter().find(not_timed).map(|row| {
+            format!(
+                "times of {} with {} threads and batches of {}, which are not timed now",
+                row.model, row.threads, row.batch
+            )
+        })
+    });
+    match lost {
+        Some(what) => Err(ownership::refuse(path, &what).into()),
+        None => Ok(()),
+    }
 }
 
 fn distinct(values: &[u16]) -> Vec<usize> {

@@ -4,10 +4,16 @@ use std::path::PathBuf;
 
 use clap::Args;
 use strat_metrics::tables::ThesisTable;
-use strat_store::{files, shard::PARTS};
+use strat_store::{
+    command::{eprint_line, print},
+    shard::Shard,
+};
 
-use super::evaluate::conclude;
-use crate::evaluate::shards;
+use super::{args::ReplaceArgs, evaluate::conclude};
+use crate::evaluate::{
+    ownership::{self, MARK},
+    shards,
+};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -21,17 +27,31 @@ pub(super) struct MergeArgs {
     /// No notes; errors still show
     #[arg(long)]
     quiet: bool,
+    #[command(flatten)]
+    replace: ReplaceArgs,
 }
 
 pub(super) fn run(args: &MergeArgs) -> anyhow::Result<u8> {
+    let earlier = ownership::earlier_results(&args.out, &[])?;
     let outcome = shards::merge(&args.out)?;
+    let earlier = earlier.filter(|_| !args.replace.force);
+    if let Some(what) = earlier.and_then(|earlier| ownership::loses(&earlier, &outcome.record)) {
+        return Err(ownership::refuse(&args.out, &what).into());
+    }
+    MARK.begin(&args.out)?;
     let tables: Vec<ThesisTable> = outcome
         .record
         .tables
         .iter()
         .filter_map(|name| name.parse().ok())
         .collect();
-    let code = conclude(&outcome, &args.out, &tables, true, args.quiet)?;
-    files::remove(&args.out.join(PARTS))?;
+    let (tables, code) = conclude(&outcome, &args.out, &tables, true, args.quiet)?;
+    for path in Shard::remove_all(&args.out, ownership::is_of_part)? {
+        eprint_line(format_args!(
+            "note: {} is not of this run and stays",
+            path.display()
+        ));
+    }
+    print(tables)?;
     Ok(code)
 }

@@ -26,7 +26,7 @@ mod verify;
 use std::ffi::OsString;
 
 use clap::{Args as _, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
-use strat_store::command::{CliError, DONE, USAGE, fail};
+use strat_store::command::{CliError, DONE, USAGE, fail, utf8_arguments};
 
 use self::evaluate::EvaluateArgs;
 use crate::{evaluate::plan::PlanError, runtime::process};
@@ -153,7 +153,10 @@ fn parse(args: &[OsString]) -> Result<Asked, clap::Error> {
 /// Runs the command with the given arguments, the program's name first, and returns the exit
 /// code.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
-    let args: Vec<OsString> = args.into_iter().collect();
+    let args = match utf8_arguments(args) {
+        Ok(args) => args,
+        Err(error) => return fail(&error),
+    };
     let arguments: Vec<String> = args
         .iter()
         .skip(1)

@@ -8,14 +8,18 @@ use std::{
 use clap::{Args, ValueEnum, builder::PossibleValue};
 use serde::Serialize;
 use strat_store::{
+    claim::{Found, Mark},
     command::{DONE, FAILED, print},
     files,
     progress::Progress,
 };
 
-use super::args::{CameraArgs, RuntimeArgs, ThreadArgs, default_name, positive};
+use super::args::{CameraArgs, ReplaceArgs, RuntimeArgs, ThreadArgs, default_name, positive};
 use crate::{
-    evaluate::record::TOOL_VERSION,
+    evaluate::{
+        ownership::{self, Planned},
+        record::TOOL_VERSION,
+    },
     maps::{self, Format, Request, Writer},
     model::{
         Description, Model,
@@ -28,6 +32,14 @@ use crate::{
 
 /// File name of the record of a run.
 const RECORD: &str = "predict.yaml";
+
+/// Whose a folder of predictions is. They are named like the images, so the whole folder is.
+const MARK: Mark = Mark {
+    command: "bench predict",
+    record: RECORD,
+    begins: "tool: bench predict\n",
+    writes: |_| true,
+};
 
 impl ValueEnum for Format {
     fn value_variants<'a>() -> &'a [Self] {
@@ -103,23 +115,34 @@ pub(super) struct PredictArgs {
     threads: ThreadArgs,
     #[command(flatten)]
     runtime: RuntimeArgs,
+    #[command(flatten)]
+    replace: ReplaceArgs,
 }
 
-/// What ran; written beside the results.
+/// What makes the maps of two runs the same; with it a folder is marked before the first map.
 #[derive(Serialize)]
-struct Record<'a> {
+struct Settings<'a> {
     tool: &'static str,
     tool_version: &'static str,
-    arguments: Vec<String>,
-    model: &'a Path,
     blake3: &'a str,
     description: &'a Description,
     runtime: &'a str,
     provider: &'a str,
     device: String,
-    threads: usize,
     camera: Option<StereoCamera>,
+    nearest_m: Option<f64>,
+    network_size: bool,
     formats: BTreeMap<&'static str, Quantity>,
+}
+
+/// What ran; written beside the results.
+#[derive(Serialize)]
+struct Record<'a> {
+    #[serde(flatten)]
+    settings: Settings<'a>,
+    model: &'a Path,
+    arguments: Vec<String>,
+    threads: usize,
     probe_max_difference: Option<f32>,
     images: usize,
     failed: usize,
@@ -127,6 +150,9 @@ struct Record<'a> {
 
 pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
     let jobs = maps::jobs(&args.inputs, &args.out)?;
+    let inputs = args.inputs.iter().chain([&args.model]);
+    let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
+    MARK.examine(&args.out, &inputs)?;
     let pool = args.threads.pool()?;
     let threads = args.threads.within_model();
     let runtime = args.runtime.resolve()?;
@@ -149,7 +175,31 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
     };
     let targets = maps::targets(&request, &model.description)?;
     maps::refuse_collisions(&jobs, &targets)?;
-    files::check_writable(&args.out)?;
+    let settings = Settings {
+        tool: MARK.command,
+        tool_version: TOOL_VERSION,
+        blake3: &model.file.blake3.clone(),
+        description: &model.description.clone(),
+        runtime: &model.runtime().to_owned(),
+        provider: &model.provider().to_owned(),
+        device: args.runtime.device.to_string(),
+        camera,
+        nearest_m: args.nearest_m,
+        network_size: args.network_size,
+        formats: targets
+            .iter()
+            .map(|target| (target.format.as_str(), target.conversion.quantity))
+            .collect(),
+    };
+    let (force, nothing) = (args.replace.force, Planned::default());
+    let found = ownership::examine_record(&MARK, &args.out, &inputs, &settings, &nothing, force)?;
+    let goes_on = found == Found::Begun && !force;
+    if goes_on {
+        MARK.go_on(&args.out)?;
+    } else {
+        let record = strat_store::yaml::to_string(&settings)?;
+        MARK.begin_with(&args.out, record.as_bytes())?;
+    }
     let mut notes = Notes::new(args.runtime.quiet);
     let vetting = vet(&mut model, None)?;
     vetting
@@ -180,34 +230,38 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
             files::digest_prefix(&model.file.blake3)
         ),
     };
-    let progress = Progress::new("predict", jobs.len() as u64, "images", args.runtime.quiet);
-    let outcome = maps::predict(&jobs, &mut model, &pool, &writer, &progress);
+    let (done, left) = if goes_on {
+        writer.split(&args.out.join(MARK.begun()), &jobs)
+    } else {
+        (Vec::new(), jobs.clone())
+    };
+    if !done.is_empty() {
+        notes.note(&format!(
+            "{} of {} images were done before the last run was interrupted; going on",
+            jobs.len() - left.len(),
+            jobs.len()
+        ));
+    }
+    let progress = Progress::new("predict", left.len() as u64, "images", args.runtime.quiet);
+    let outcome = maps::predict(&left, &mut model, &pool, &writer, &progress);
     progress.finish();
+    if outcome.interrupted {
+        return Err(strat_store::Error::Interrupted.into());
+    }
     let record = Record {
-        tool: "bench predict",
-        tool_version: TOOL_VERSION,
-        arguments,
+        settings,
         model: &args.model,
-        blake3: &model.file.blake3,
-        description: &model.description,
-        runtime: model.runtime(),
-        provider: model.provider(),
-        device: args.runtime.device.to_string(),
+        arguments,
         threads,
-        camera,
-        formats: targets
-            .iter()
-            .map(|target| (target.format.as_str(), target.conversion.quantity))
-            .collect(),
         probe_max_difference: vetting.probe.map(|result| result.max_difference),
         images: jobs.len(),
         failed: outcome.failed,
     };
     let text = strat_store::yaml::to_string(&record)?;
-    files::write_atomic(&args.out.join(RECORD), text.as_bytes())?;
-    let lines: String = outcome
-        .written
+    MARK.finish(&args.out, text.as_bytes())?;
+    let lines: String = done
         .iter()
+        .chain(&outcome.written)
         .map(|path| format!("{}\n", path.display()))
         .collect();
     print(lines)?;

@@ -1,16 +1,16 @@
 //! `bench render`: the thesis' tables from rows files alone.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use strat_metrics::tables::Source;
 use strat_store::{
+    claim::{self, Found, Mark},
     command::{CliError, DONE, eprint_line, print},
-    files,
 };
 
 use crate::{
-    evaluate::{plan, write},
+    evaluate::{ownership, plan, record::ROWS, write},
     rows::{compare, leaderboard},
 };
 
@@ -34,6 +34,14 @@ pub(super) struct RenderArgs {
     source: Option<String>,
 }
 
+/// Whose a folder of tables without their rows is.
+const MARK: Mark = Mark {
+    command: "bench render",
+    record: "render.yaml",
+    begins: "tool: bench render\n",
+    writes: |name| name == "render.yaml" || ownership::is_table(name),
+};
+
 pub(super) fn run(args: &RenderArgs) -> anyhow::Result<u8> {
     let rows = compare::read_all(&args.rows)?;
     let first = args
@@ -52,8 +60,20 @@ pub(super) fn run(args: &RenderArgs) -> anyhow::Result<u8> {
     if wanted.is_empty() {
         return Err(anyhow::anyhow!(plan::no_table_shows(&measured)));
     }
-    files::check_writable(&args.out)?;
+    // In the folder of a run its own tables are drawn again.
+    let of_run = args.rows.len() == 1
+        && claim::resolve(first)? == claim::resolve(&args.out.join(ROWS))?
+        && matches!(ownership::MARK.examine(&args.out, &[]), Ok(Found::Record));
+    if !of_run {
+        let inputs: Vec<&Path> = args.rows.iter().map(PathBuf::as_path).collect();
+        MARK.examine(&args.out, &inputs)?;
+        MARK.begin(&args.out)?;
+    }
+    ownership::remove_tables(&args.out)?;
     let written = write::write_tables(&args.out, &wanted, &rows, &coverage)?;
+    if !of_run {
+        MARK.finish(&args.out, MARK.begins.as_bytes())?;
+    }
     let texts: Vec<String> = written.iter().map(|table| table.text()).collect();
     print(texts.join("\n"))?;
     eprint_line(format_args!("the tables are in {}", args.out.display()));

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use strat_store::{
-    command::{DONE, FAILED, print},
+    claim,
+    command::{DONE, FAILED, eprint_line, print},
     files,
 };
 
@@ -32,15 +33,16 @@ pub(super) struct ReportArgs {
 }
 
 pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
-    let collected = report::collect(&args.folder)?;
-    let page = report::render(&args.title, &collected);
     let out = args
         .out
         .clone()
         .unwrap_or_else(|| args.folder.join("report.html"));
+    claim::check_file(&out, &[], "bench report", report::BEGINS)?;
+    let collected = report::collect(&args.folder)?;
+    let page = report::render(&args.title, &collected);
     files::write_atomic(&out, page.html.as_bytes())?;
     for problem in &page.problems {
-        eprintln!("error: {problem}");
+        eprint_line(format_args!("error: {problem}"));
     }
     print(format_args!("{}\n", out.display()))?;
     Ok(if page.problems.is_empty() {

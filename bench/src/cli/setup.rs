@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use strat_store::command::{DONE, print_line};
+use strat_store::command::{DONE, eprint_line, print_line};
 
 use crate::runtime::{
     ffi,
@@ -33,10 +33,10 @@ pub(super) fn run(args: &SetupArgs) -> anyhow::Result<u8> {
         } else {
             "CPU, about 70 MB"
         };
-        eprintln!(
+        eprint_line(format_args!(
             "installing ONNX Runtime {} ({size}) ...",
             ONNXRUNTIME_VERSION
-        );
+        ));
     }
     let installed = install::install(&options, &paths)?;
     let version = ffi::onnxruntime_version(&installed.library).map_err(|reason| {
@@ -46,7 +46,7 @@ pub(super) fn run(args: &SetupArgs) -> anyhow::Result<u8> {
         )
     })?;
     print_line(installed.library.display())?;
-    eprintln!(
+    eprint_line(format_args!(
         "ONNX Runtime {version} is {} {}; `bench` finds it there from now on, and deleting the \
          folder undoes this",
         if installed.already_there {
@@ -55,14 +55,14 @@ pub(super) fn run(args: &SetupArgs) -> anyhow::Result<u8> {
             "now in"
         },
         installed.folder.display()
-    );
+    ));
     if let Some(root) = &args.dir {
         // A folder of the user's own is found only when it is named.
-        eprintln!(
+        eprint_line(format_args!(
             "to have it found, set STRAT_HOME={} (or ORT_DYLIB_PATH={})",
             root.display(),
             installed.library.display()
-        );
+        ));
     }
     Ok(DONE)
 }

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::Args;
 use strat_store::{
     command::{DONE, FAILED, eprint_line, print},
-    files,
     set::PreparedSet,
 };
 
@@ -30,7 +29,8 @@ pub(super) struct SpritesArgs {
 /// Cuts sprites out of a labelled set.
 pub(super) fn run(args: &SpritesArgs) -> anyhow::Result<u8> {
     let set = PreparedSet::open(&args.data)?;
-    files::check_writable(&args.out)?;
+    cutouts::MARK.examine(&args.out, &[&args.data])?;
+    cutouts::MARK.begin(&args.out)?;
     let found = cutouts::cut(&set, usize::from(args.each), args.quiet)?;
     let paths = cutouts::write(&args.out, &found)?;
     let lines: String = paths

@@ -14,6 +14,7 @@ use std::{
 use image::{ImageFormat, Rgba, RgbaImage};
 use strat_splits::Role;
 use strat_store::{
+    claim::Mark,
     exr, files, image_files,
     progress::Progress,
     set::{PreparedSet, Sample},
@@ -34,6 +35,14 @@ const LEAST_HEIGHT_PX: usize = 48;
 const LEAST_FILL: f64 = 0.4;
 /// Least number of measured pixels for a depth.
 const LEAST_MEASURED: usize = 20;
+
+/// Whose a folder of sprites is.
+pub const MARK: Mark = Mark {
+    command: "bench sprites",
+    record: DESCRIPTION,
+    begins: "# Cut by `bench sprites`.\n",
+    writes: |name| name == DESCRIPTION || name.ends_with(".png"),
+};
 
 /// What is looked for: name, label, range of width over height, range of real heights in metres.
 struct Kind {
@@ -161,9 +170,9 @@ pub fn write(folder: &Path, cut: &Cut) -> Result<Vec<PathBuf>, CueError> {
     let description = SpriteFile {
         sprites: cut.sprites.iter().map(|(entry, _)| entry.clone()).collect(),
     };
-    let path = folder.join(DESCRIPTION);
-    files::write_atomic(&path, yaml::to_string(&description)?.as_bytes())?;
-    paths.push(path);
+    let text = format!("{}{}", MARK.begins, yaml::to_string(&description)?);
+    MARK.finish(folder, text.as_bytes())?;
+    paths.push(folder.join(DESCRIPTION));
     Ok(paths)
 }
 

@@ -4,13 +4,9 @@
 //! they are there. Its name carries a digest of everything that can change a row: another model, other
 //! sprites, backgrounds or options have another journal. A finished run removes its journals.
 
-use std::{
-    fs::File,
-    io::Write as _,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
-use strat_store::files;
+use strat_store::files::{self, Appending};
 use strat_store::inputs::{self, Kind};
 
 use super::{error::CueError, rows::CueRow};
@@ -19,7 +15,7 @@ use crate::evaluate::record::slug;
 /// The open journal of one model.
 pub struct Journal {
     path: PathBuf,
-    file: File,
+    file: Appending,
     /// The header line is written with the first row.
     has_header: bool,
 }
@@ -43,8 +39,7 @@ impl Journal {
         let path = folder.join(name);
         let found = read(&path);
         files::write_csv(&path, &found)?;
-        let file = File::options().append(true).open(&path);
-        let file = file.map_err(|error| unwritable(&path, error))?;
+        let file = Appending::open(&path)?;
         let journal = Self {
             has_header: !found.is_empty(),
             path,
@@ -72,9 +67,7 @@ impl Journal {
             .into_inner()
             .map_err(|error| unwritable(&self.path, error))?;
         // One call of the system for each job, so that its rows stay together.
-        self.file
-            .write_all(&bytes)
-            .map_err(|error| unwritable(&self.path, error))
+        Ok(self.file.add(&bytes)?)
     }
 
     /// Removes the journal, whose rows are in the results, and those of other runs of the model, which

@@ -5,12 +5,14 @@ use std::{
     time::{Duration, Instant},
 };
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use strat_metrics::statistics::Bootstrap;
 use strat_store::{
+    claim::{Found, Mark},
     files, human,
     progress::Progress,
     set::{Content, PreparedSet},
+    signals::Watch,
     yaml,
 };
 
@@ -28,7 +30,9 @@ use super::{
 use crate::{
     draw::png::png,
     evaluate::{
+        NamedFile,
         identity::Identity,
+        ownership::{self, Planned},
         record::{TOOL_VERSION, slug},
     },
     model::{Description, Model},
@@ -41,6 +45,20 @@ pub const FAILURES: &str = "failures.csv";
 const WORDS: &str = "summary.csv";
 const STATISTICS: &str = "statistics.csv";
 const MARKDOWN: &str = "summary.md";
+const FIGURES: &str = "figures";
+
+/// Whose a folder of experiments is.
+pub const MARK: Mark = Mark {
+    command: "bench cues",
+    record: RECORD,
+    begins: "tool: bench cues\n",
+    writes: |name| [rows::ROWS, RECORD].contains(&name) || is_drawn(name),
+};
+
+/// Whether a name in the folder is of what is made of the rows.
+fn is_drawn(name: &str) -> bool {
+    [FAILURES, WORDS, STATISTICS, MARKDOWN, FIGURES].contains(&name)
+}
 
 /// PNG pixels for each unit of the SVG.
 const CHART_ZOOM: f32 = 2.0;
@@ -73,14 +91,21 @@ struct Record<'a> {
     tool_version: &'static str,
     arguments: &'a [String],
     data: &'a Path,
+    #[serde(flatten)]
+    settings: Settings<'a>,
+    jobs: usize,
+    models: &'a [ModelRecord],
+}
+
+/// What makes two runs of one model the same.
+#[derive(Serialize)]
+struct Settings<'a> {
     data_digest: &'a str,
     content: Content,
     source: String,
     backgrounds: Vec<BackgroundRecord<'a>>,
     sprites: Vec<SpriteRecord<'a>>,
     composites: usize,
-    jobs: usize,
-    models: &'a [ModelRecord],
 }
 
 #[derive(Serialize)]
@@ -96,6 +121,45 @@ struct SpriteRecord<'a> {
     name: &'a str,
     height_m: f64,
     blake3: &'a str,
+}
+
+/// What the record of an earlier run says of its rows.
+#[derive(Debug, Deserialize)]
+pub struct Earlier {
+    #[serde(default)]
+    models: Vec<EarlierModel>,
+}
+
+#[derive(Debug, Deserialize)]
+struct EarlierModel {
+    name: String,
+    rows: usize,
+    #[serde(default)]
+    description: serde_yaml::Value,
+}
+
+impl Earlier {
+    /// What would be lost if these models replaced it.
+    #[must_use]
+    pub fn lacks(&self, now: &[ModelRecord]) -> Option<String> {
+        self.models.iter().find_map(|before| {
+            let name = &before.name;
+            let now = now.iter().find(|now| now.name == *name);
+            let description = now.and_then(|now| yaml::to_string(&now.description).ok());
+            let description: Option<serde_yaml::Value> =
+                description.and_then(|text| serde_yaml::from_str(&text).ok());
+            if before.rows > 0 && description.is_some_and(|now| before.description != now) {
+                return Some(format!("rows under another description of {name}"));
+            }
+            let rows = now.map_or(0, |now| now.rows);
+            (rows < before.rows).then(|| {
+                format!(
+                    "{} rows of {name}, of which only {rows} could be measured now",
+                    before.rows
+                )
+            })
+        })
+    }
 }
 
 /// A model and how it went.
@@ -149,6 +213,30 @@ pub struct Subject<'a> {
 }
 
 impl CueRun<'_> {
+    /// Claims the folder before any work; what it has of an earlier run, which is lost only with
+    /// `force`.
+    ///
+    /// # Errors
+    /// It holds other things or another run, or one of `inputs` is in the way.
+    pub fn claim(
+        &self,
+        models: &[NamedFile],
+        inputs: &[&Path],
+        force: bool,
+    ) -> Result<Option<Earlier>, CueError> {
+        let planned = Planned {
+            models,
+            named: Vec::new(),
+        };
+        let found =
+            ownership::examine_record(&MARK, self.out, inputs, &self.settings(), &planned, force)?;
+        MARK.begin(self.out)?;
+        Ok(match found {
+            Found::Record if !force => Some(yaml::load(&self.out.join(RECORD))?),
+            _ => None,
+        })
+    }
+
     /// Number of composites.
     #[must_use]
     pub fn composites(&self) -> usize {
@@ -255,9 +343,12 @@ impl CueRun<'_> {
             jobs: &left,
             ..plan
         };
+        let watch = Watch::new("stopping after these composites");
         let mut outcome = measure::run(model, &rest, &clean, self.pool, &progress, |rows| {
-            journal.add(rows)
+            journal.add(rows)?;
+            watch.check().map_err(CueError::from)
         })?;
+        drop(watch);
         progress.finish();
         outcome.rows = plan.in_order([before, outcome.rows].concat());
         if !outcome.rows.is_empty() {
@@ -285,22 +376,9 @@ impl CueRun<'_> {
         })
     }
 
-    /// Writes what ran.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn write_record(
-        &self,
-        data: &Path,
-        models: &[ModelRecord],
-        arguments: &[String],
-    ) -> Result<(), CueError> {
+    fn settings(&self) -> Settings<'_> {
         let manifest = &self.set.manifest;
-        let record = Record {
-            tool: "bench cues",
-            tool_version: TOOL_VERSION,
-            arguments,
-            data,
+        Settings {
             data_digest: &manifest.data_digest,
             content: manifest.content,
             source: manifest.source.to_string(),
@@ -324,14 +402,30 @@ impl CueRun<'_> {
                 })
                 .collect(),
             composites: self.composites(),
+        }
+    }
+
+    /// Writes what ran.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write_record(
+        &self,
+        data: &Path,
+        models: &[ModelRecord],
+        arguments: &[String],
+    ) -> Result<(), CueError> {
+        let record = Record {
+            tool: "bench cues",
+            tool_version: TOOL_VERSION,
+            arguments,
+            data,
+            settings: self.settings(),
             jobs: self.pool.current_num_threads(),
             models,
         };
         let text = yaml::to_string(&record)?;
-        Ok(files::write_atomic(
-            &self.out.join(RECORD),
-            text.as_bytes(),
-        )?)
+        Ok(MARK.finish(self.out, text.as_bytes())?)
     }
 }
 
@@ -345,6 +439,20 @@ impl FailureRow {
             reason: failure.reason.clone(),
         }
     }
+}
+
+/// Writes the list of failures, or removes that of an earlier run when nothing failed.
+///
+/// # Errors
+/// The file cannot be written or removed.
+pub fn write_failures(out: &Path, failures: &[FailureRow]) -> Result<(), CueError> {
+    let path = out.join(FAILURES);
+    if failures.is_empty() {
+        files::remove(&path)?;
+    } else {
+        files::write_csv(&path, failures)?;
+    }
+    Ok(())
 }
 
 fn rounded(time: Duration) -> f64 {
@@ -369,13 +477,25 @@ pub fn write_results(out: &Path, rows: &[CueRow]) -> Result<Summary, CueError> {
 /// Draws figures and summary of a folder again.
 ///
 /// # Errors
-/// There are no rows, or a file cannot be written.
+/// There are no rows, something else is in the way, or a file cannot be written.
 pub fn render(folder: &Path) -> Result<Summary, CueError> {
-    write_results(folder, &rows::read(folder)?)
+    let rows = rows::read(folder)?;
+    // The rows may have been copied here alone; nothing else may be in the way.
+    let mark = Mark {
+        writes: is_drawn,
+        ..MARK
+    };
+    let found = mark.examine(folder, &[])?;
+    mark.begin(folder)?;
+    let summary = write_results(folder, &rows)?;
+    if found != Found::Record {
+        mark.finish(folder, MARK.begins.as_bytes())?;
+    }
+    Ok(summary)
 }
 
 fn write_figures(out: &Path, model: &str, figures: &[Figure], zoom: f32) -> Result<(), CueError> {
-    let folder = out.join("figures").join(slug(model));
+    let folder = out.join(FIGURES).join(slug(model));
     for (name, svg) in figures {
         files::write_atomic(&folder.join(format!("{name}.svg")), svg.as_bytes())?;
         let drawn = png(svg, zoom).map_err(|source| CueError::Draw {

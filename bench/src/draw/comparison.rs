@@ -14,7 +14,10 @@ use strat_store::inputs::{self, Kind};
 use strat_store::{files, image_files, raster::Plane};
 
 use super::colour::{NOTHING, blue_to_red, brightest_of, magma};
-use crate::evaluate::{Comparison, record::slug};
+use crate::evaluate::{
+    Comparison,
+    record::{PICTURES, slug},
+};
 
 /// Relative depth error at the red end of the error map.
 pub const WORST_ERROR: f32 = 0.5;
@@ -34,7 +37,7 @@ pictures.csv names the protocol and the Abs Rel of each picture.
 ";
 
 /// Folder of the pictures within that of the results.
-pub const FOLDER: &str = "pictures";
+pub const FOLDER: &str = PICTURES;
 
 /// The list of the pictures within [`FOLDER`].
 pub const INDEX: &str = "pictures.csv";

@@ -10,13 +10,13 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs::File,
     path::{Path, PathBuf},
 };
 
 use strat_metrics::{Row, RowContext, rows};
+use strat_store::files::{self, Appending};
 use strat_store::inputs::{self, Kind};
-use strat_store::{files, yaml};
+use strat_store::yaml;
 
 use super::identity::Identity;
 
@@ -42,7 +42,7 @@ pub enum JournalError {
 /// The open journal of one model.
 pub struct Journal {
     path: PathBuf,
-    file: File,
+    file: Appending,
 }
 
 /// What an interrupted run has left.
@@ -115,8 +115,7 @@ impl Journal {
         }
         files::write_atomic(&facts_path(path), yaml::to_string(facts)?.as_bytes())?;
         files::write_atomic(path, &bytes)?;
-        let file = File::options().append(true).open(path);
-        let file = file.map_err(|error| failed(error.into()))?;
+        let file = Appending::open(path)?;
         let journal = Self {
             path: path.to_path_buf(),
             file,
@@ -132,12 +131,11 @@ impl Journal {
     pub fn add(&mut self, rows: &[Row]) -> Result<(), JournalError> {
         // One call of the system for each image, so that images stay together.
         let mut bytes = Vec::new();
-        rows::append(rows, &mut bytes)
-            .and_then(|()| Ok(std::io::Write::write_all(&mut self.file, &bytes)?))
-            .map_err(|reason| JournalError::Rows {
-                path: self.path.clone(),
-                reason,
-            })
+        rows::append(rows, &mut bytes).map_err(|reason| JournalError::Rows {
+            path: self.path.clone(),
+            reason,
+        })?;
+        Ok(self.file.add(&bytes)?)
     }
 }
 

@@ -21,6 +21,7 @@ pub mod identity;
 pub mod in_memory;
 pub mod journal;
 pub mod median;
+pub mod ownership;
 pub mod pipeline;
 pub mod plan;
 pub mod predictions;

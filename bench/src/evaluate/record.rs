@@ -23,6 +23,12 @@ pub const ROWS: &str = "rows.csv";
 /// The file of images that failed.
 pub const FAILURES: &str = "failures.csv";
 
+/// The folder of comparison pictures.
+pub const PICTURES: &str = "pictures";
+
+/// The file of leaderboard lines.
+pub const LEADERBOARD: &str = "leaderboard.csv";
+
 /// The file that says what ran.
 pub const RECORD: &str = "run.yaml";
 

@@ -8,9 +8,10 @@ use strat_store::shard::Shard;
 use super::{
     Comparison, NamedFile,
     journal::{self, JournalError},
+    ownership,
     plan::{PlanError, TableChoice},
     predictions::SaveError,
-    record::Outcome,
+    record::{Outcome, RunRecord},
     shards::ShardsError,
 };
 use crate::runtime::{Device, RuntimeChoice, RuntimeError, process::Limits};
@@ -34,6 +35,8 @@ pub struct Request<'a> {
     pub out: &'a Path,
     /// Measure one part of the test images only.
     pub shard: Option<Shard>,
+    /// Replace results of another run, too.
+    pub force: bool,
     /// Save what models predict.
     pub save_predictions: bool,
     /// Comparison pictures for each predictor, spread evenly over the test images.
@@ -89,10 +92,23 @@ pub struct Finished {
     pub tables: Vec<ThesisTable>,
     /// Where the results belong: the folder for results, or that of one part.
     pub folder: PathBuf,
+    pub(super) earlier: Option<RunRecord>,
     pub(super) journals: Vec<PathBuf>,
 }
 
 impl Finished {
+    /// Makes sure that nothing is lost where the results replace those of an earlier run.
+    ///
+    /// # Errors
+    /// The earlier run has more.
+    pub fn check_replacement(&self) -> Result<(), strat_store::Error> {
+        let earlier = self.earlier.as_ref();
+        match earlier.and_then(|earlier| ownership::loses(earlier, &self.outcome.record)) {
+            Some(what) => Err(ownership::refuse(&self.folder, &what)),
+            None => Ok(()),
+        }
+    }
+
     /// Removes what an interrupted run would have gone on from; for when the results are written.
     ///
     /// # Errors

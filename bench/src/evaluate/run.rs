@@ -16,10 +16,10 @@ use strat_onnx::metadata::OutputMeaning;
 use strat_splits::Role;
 use strat_store::{
     command::eprint_line,
-    files,
     progress::Progress,
     raster::Plane,
     set::{Count, PreparedSet, Sample},
+    signals::Watch,
     spread,
 };
 
@@ -31,6 +31,7 @@ use super::{
     identity::Identity,
     journal::{self, Journal},
     median::{self, MedianDepth},
+    ownership::{self, MARK, Planned},
     plan,
     predictions::{PredictionWriter, SavedPredictions},
     record::{self, DataRecord, Failure, ModelRecord, Outcome, ProtocolRecord, RunRecord, slug},
@@ -67,7 +68,12 @@ pub fn run(
         Some(shard) => shard.folder(request.out),
         None => request.out.to_path_buf(),
     };
-    files::check_writable(&folder)?;
+    let earlier = earlier_run(request, &folder, &set)?;
+    MARK.begin(&folder)?;
+    if request.shard.is_some() && request.force {
+        // An earlier record would call a half-measured part complete.
+        MARK.reopen(&folder)?;
+    }
     let pictured = spread::evenly(samples.len(), request.pictures)
         .map(|index| samples[index].id.clone())
         .collect();
@@ -84,6 +90,7 @@ pub fn run(
         protocols: plan.protocols,
         pictured,
         folder,
+        earlier,
         notes: Notes::new(request.quiet),
         journals: Vec::new(),
         used: Vec::new(),
@@ -108,6 +115,26 @@ pub fn run(
     Ok(run.finish(plan.tables, runtime.as_ref(), count, arguments))
 }
 
+/// The run whose results the folder holds; none where they may be replaced by any others.
+fn earlier_run(
+    request: &Request<'_>,
+    folder: &Path,
+    set: &PreparedSet,
+) -> Result<Option<RunRecord>, strat_store::Error> {
+    let given = request.models.iter().chain(request.predictions);
+    let mut inputs: Vec<&Path> = given.map(|given| given.file.as_path()).collect();
+    inputs.push(request.data);
+    let named = request.predictions.iter().map(|given| given.name.as_str());
+    let planned = Planned {
+        models: request.models,
+        named: named
+            .chain(request.median_baseline.then_some(median::NAME))
+            .collect(),
+    };
+    let digest = &set.manifest.data_digest;
+    ownership::examine(folder, &inputs, digest, &planned, request.force)
+}
+
 /// Everything a run collects on its way.
 struct TableRun<'a> {
     request: &'a Request<'a>,
@@ -119,6 +146,8 @@ struct TableRun<'a> {
     /// Images of which a picture is wanted.
     pictured: BTreeSet<String>,
     folder: PathBuf,
+    /// The run whose results are there and must not get fewer.
+    earlier: Option<RunRecord>,
     notes: Notes,
     journals: Vec<PathBuf>,
     /// All protocols that anything was measured under, in order.
@@ -349,6 +378,13 @@ impl TableRun<'_> {
     /// Evaluates everything that an interrupted run has not.
     fn evaluate(&mut self, subject: &mut Subject<'_>) -> Result<Evaluation, RunError> {
         let name = &subject.record.name;
+        let earlier = self.earlier.iter().flat_map(|earlier| &earlier.models);
+        let before = earlier
+            .filter(|model| model.images > 0)
+            .find(|model| model.name == *name);
+        if let Some(what) = before.and_then(|before| ownership::is_other(before, &subject.record)) {
+            return Err(ownership::refuse(&self.folder, &what).into());
+        }
         let protocols: Vec<(Protocol, RowContext)> = subject
             .protocols
             .iter()
@@ -410,7 +446,9 @@ impl TableRun<'_> {
         };
         let Request { pool, quiet, .. } = *self.request;
         let predictor = &mut subject.predictor;
+        let watch = Watch::new("stopping after this image");
         let mut recorder = Recorder {
+            watch: &watch,
             writer: subject.writer.as_mut(),
             journal,
         };
@@ -481,6 +519,7 @@ impl TableRun<'_> {
             },
             tables,
             folder: self.folder,
+            earlier: self.earlier,
             journals: self.journals,
         }
     }
@@ -488,6 +527,7 @@ impl TableRun<'_> {
 
 /// Puts down what an evaluation finds as soon as it does.
 struct Recorder<'a> {
+    watch: &'a Watch,
     writer: Option<&'a mut PredictionWriter>,
     journal: Journal,
 }
@@ -503,6 +543,7 @@ impl Observer for Recorder<'_> {
     }
 
     fn scored(&mut self, rows: &[Row]) -> Result<(), RunError> {
-        Ok(self.journal.add(rows)?)
+        self.journal.add(rows)?;
+        Ok(self.watch.check()?)
     }
 }

@@ -25,7 +25,7 @@ use strat_store::{
 use super::record::{self, FAILURES, Failure, Outcome, RECORD, ROWS, RunRecord};
 
 /// The images of a part with their positions in the test list.
-const IMAGES: &str = "images.csv";
+pub const IMAGES: &str = "images.csv";
 
 /// Why parts cannot be put together.
 #[derive(Debug, thiserror::Error)]
@@ -77,13 +77,11 @@ struct ListedImage {
     image: String,
 }
 
-/// Marks the part in `folder` as unfinished and lists its images; `order` is the whole test list.
+/// Lists the images of the part in `folder`; `order` is the whole test list.
 ///
 /// # Errors
 /// The folder cannot be written to.
 pub fn begin(folder: &Path, order: &[String], shard: Shard) -> Result<(), ShardsError> {
-    // An earlier record would call a half-measured part complete.
-    files::remove(&folder.join(RECORD))?;
     files::write_atomic_with(&folder.join(IMAGES), |file| {
         let mut csv = strat_csv::Writer::new(file);
         for (position, image) in order.iter().enumerate() {
@@ -114,12 +112,16 @@ pub fn merge(out: &Path) -> Result<Outcome, ShardsError> {
         path: out.to_path_buf(),
         reason: reason.to_owned(),
     };
+    // A merge that was killed while it removed the parts has left what was left of them.
+    files::remove_leftovers_among(out, |name| name == PARTS)?;
     let found = Shard::found_in(out).map_err(|reason| wrong(&reason))?;
     let Some(count) = found.first().map(|shard| shard.count) else {
-        return Err(wrong(
+        return Err(wrong(if out.join(RECORD).is_file() {
+            "it has no parts and is a finished run: nothing is left to merge"
+        } else {
             "it has no parts; run `bench --table ... --shard 0/N` to N-1/N with this folder as --out \
-             first",
-        ));
+             first"
+        }));
     };
     if found.iter().any(|shard| shard.count != count) {
         return Err(wrong(&format!(
@@ -244,8 +246,13 @@ fn read(folder: &Path, shard: Shard) -> Result<Part, ShardsError> {
         reason,
     };
     let record: RunRecord = yaml::load(&folder.join(RECORD))?;
-    let bytes = inputs::read(&folder.join(ROWS), Kind::Table)?;
-    let rows = rows::read(bytes.as_slice()).map_err(|e| unusable(ROWS, e.to_string()))?;
+    let is_empty = record.models.iter().all(|model| model.images == 0);
+    // A part without rows has no file of them.
+    let rows = match inputs::read(&folder.join(ROWS), Kind::Table) {
+        Ok(bytes) => rows::read(bytes.as_slice()).map_err(|e| unusable(ROWS, e.to_string()))?,
+        Err(error) if error.is_not_found() && is_empty => Vec::new(),
+        Err(error) => return Err(error.into()),
+    };
     let images: Vec<ListedImage> = table(&inputs::read(&folder.join(IMAGES), Kind::Table)?)
         .map_err(|error| unusable(IMAGES, error.to_string()))?;
     let failures: Vec<Failure> = match inputs::read(&folder.join(FAILURES), Kind::Table) {

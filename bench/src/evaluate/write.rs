@@ -11,7 +11,8 @@ use strat_metrics::{
 };
 use strat_store::{files, yaml};
 
-use super::record::{FAILURES, Failure, Outcome, RECORD, ROWS};
+use super::ownership::{self, MARK};
+use super::record::{FAILURES, Failure, LEADERBOARD, Outcome, ROWS};
 
 /// Why results could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -31,17 +32,22 @@ pub enum WriteError {
 }
 
 impl Outcome {
-    /// Writes `rows.csv`, `failures.csv` and, last, `run.yaml`.
+    /// Writes `rows.csv`, `failures.csv` and, last, `run.yaml`; no `rows.csv` without rows.
     ///
     /// # Errors
     /// A file cannot be written.
     pub fn write(&self, out: &Path) -> Result<(), WriteError> {
         let mut bytes = Vec::new();
         rows::write(&self.rows, &mut bytes)?;
-        files::write_atomic(&out.join(ROWS), &bytes)?;
-        write_failures(out, &self.failures)?;
         let text = yaml::to_string(&self.record)?;
-        Ok(files::write_atomic(&out.join(RECORD), text.as_bytes())?)
+        MARK.reopen(out)?;
+        if self.rows.is_empty() {
+            files::remove(&out.join(ROWS))?;
+        } else {
+            files::write_atomic(&out.join(ROWS), &bytes)?;
+        }
+        write_failures(out, &self.failures)?;
+        Ok(MARK.finish(out, text.as_bytes())?)
     }
 }
 
@@ -55,6 +61,7 @@ pub fn derived(
     out: &Path,
     wanted: &[ThesisTable],
 ) -> Result<String, WriteError> {
+    ownership::remove_tables(out)?;
     let (coverage, rows) = (coverage(outcome), &outcome.rows);
     let entries = write_leaderboard(out, rows, coverage.expected_images)?;
     let written = write_tables(out, wanted, rows, &coverage)?;
@@ -161,7 +168,7 @@ pub fn write_leaderboard(
     let entries = leaderboard_of(rows, expected_images)?;
     let mut bytes = Vec::new();
     leaderboard::write(&entries, &mut bytes)?;
-    files::write_atomic(&out.join("leaderboard.csv"), &bytes)?;
+    files::write_atomic(&out.join(LEADERBOARD), &bytes)?;
     Ok(entries)
 }
 

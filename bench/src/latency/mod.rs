@@ -25,5 +25,5 @@ pub use measure::{
     AGREEMENT, Bench, ImageFile, Latencies, LatencyError, MAX_IMAGES, Measured, Minimum, WARM_UP,
     clock, percentile,
 };
-pub use rows::{FORMAT, LatencyRow, Scenario, Stage, read_rows, table, write_rows};
+pub use rows::{FORMAT, HEADER, LatencyRow, Scenario, Stage, read_rows, table, write_rows};
 pub use timing::{Timing, images_of_folder, images_of_set};

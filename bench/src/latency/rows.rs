@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 /// Version of the columns of `latency.csv`; stands in every row.
 pub const FORMAT: u32 = 1;
 
+/// How every file of rows begins.
+pub const HEADER: &str = "format,model,model_hash,";
+
 /// What is timed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

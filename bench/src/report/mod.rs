@@ -25,4 +25,4 @@ mod page;
 mod speed;
 
 pub use collect::{Collected, CueResults, DataSet, ReportError, Run, collect};
-pub use page::{Rendered, render};
+pub use page::{BEGINS, Rendered, render};

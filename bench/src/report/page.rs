@@ -21,6 +21,12 @@ const SCRIPT: &str = include_str!("sort.js");
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; \
                       script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'";
 
+/// How every page begins, which tells it from other files.
+pub const BEGINS: &str = "<!DOCTYPE html><html lang=\"en\"><head><meta charset=\"utf-8\">\
+                          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
+                          <meta http-equiv=\"Content-Security-Policy\" \
+                          content=\"default-src 'none'; img-src data:";
+
 /// A finished page.
 #[derive(Debug)]
 pub struct Rendered {

@@ -132,14 +132,17 @@ pub fn append(
     Ok((count, merged.len()))
 }
 
-/// Merges leaderboards into one file and returns its number of lines.
+/// Merges leaderboards into one file, with what it has already, and returns its number of lines.
 ///
 /// # Errors
 /// Files that cannot be read, or that contradict each other in a figure or a protocol.
 pub fn merge(parts: &[PathBuf], to: &Path) -> Result<usize, PublishError> {
+    let before = to.is_file().then_some(to);
     let entries: Vec<Vec<Entry>> = parts
         .iter()
-        .map(|path| read(path))
+        .map(PathBuf::as_path)
+        .chain(before)
+        .map(read)
         .collect::<Result<_, _>>()?;
     let merged = leaderboard::merge(entries)?;
     write(to, &merged)?;

@@ -8,7 +8,7 @@ use std::{
 use half::f16;
 use ort::value::{TensorElementType, TensorRef};
 use strat_onnx::embedded::NamedTensor;
-use strat_store::guard::guarded;
+use strat_store::{command::eprint_line, guard::guarded};
 
 use super::{
     device::Device,
@@ -67,7 +67,7 @@ fn start(library: &Path) -> Result<ort::environment::Environment, String> {
             if level >= ort::logging::LogLevel::Warning
                 && std::env::var_os("STRAT_ORT_LOG").is_some()
             {
-                eprintln!("onnxruntime: {message}");
+                eprint_line(format_args!("onnxruntime: {message}"));
             }
         }))
         .build()

@@ -591,6 +591,7 @@ fn an_interrupted_run_goes_on() {
     fs::remove_dir_all(world.path("out")).unwrap();
     // A folder where the rows should go: everything is measured, and nothing can be written.
     fs::create_dir_all(world.path("out/cues.csv")).unwrap();
+    fs::write(world.path("out/unfinished-cues.yaml"), "tool: bench cues\n").unwrap();
     world.cues(&["row"], &more).code(1).says("cues.csv");
     let journals = || -> Vec<PathBuf> {
         let entries = fs::read_dir(world.path("out")).unwrap();
@@ -621,7 +622,7 @@ fn an_interrupted_run_goes_on() {
     world.cues(&["row"], &more).code(1);
     fs::remove_dir(world.path("out/cues.csv")).unwrap();
     world.model("row", "inverse_depth", known(&Known::Map(&ground())));
-    let ran = world.cues(&["row"], &more);
+    let ran = world.cues(&["row"], &[&more[..], &["--force"]].concat());
     ran.code(0);
     assert!(!ran.err.contains("were measured before"), "{}", ran.err);
     assert_eq!(
@@ -629,6 +630,11 @@ fn an_interrupted_run_goes_on() {
         Vec::<PathBuf>::new(),
         "nor that of the other run"
     );
+    world.model("row", "disparity_fraction", known(&Known::Map(&ground())));
+    world
+        .cues(&["row"], &more)
+        .code(1)
+        .says("rows under another description of row");
 }
 
 /// The number of threads changes nothing.
@@ -737,7 +743,10 @@ fn bad_models_and_sets_are_sentences() {
         .code(1)
         .says("the horizon at row 400");
     world.cues(&["constant"], &["--backgrounds", "3"]).code(2);
-    world.cues(&["nothing"], &[]).code(1).says("nothing.onnx");
+    world
+        .cues(&["nothing"], &["--force"])
+        .code(1)
+        .says("nothing.onnx");
     let set = world.text("set");
     let out = world.text("cut");
     bench(&["sprites", "--data", &set, "--out", &out])

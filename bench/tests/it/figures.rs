@@ -87,7 +87,8 @@ fn images_are_chosen_by_id_or_by_their_error() {
     let (set, out) = (world.path("set"), world.path("out"));
     let file = text(&world.path("run/rows.csv"));
     let chosen = |more: &[&str]| -> Vec<String> {
-        figures(&set, &out, &[&["--model", &model], more].concat()).code(0);
+        let more = [&["--model", &model, "--force"], more].concat();
+        figures(&set, &out, &more).code(0);
         let record = fs::read_to_string(out.join("figures.yaml")).unwrap();
         let lines = record.lines().map(|line| line.trim_start_matches("- "));
         lines

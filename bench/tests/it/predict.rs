@@ -236,7 +236,7 @@ fn maps_of_the_networks_size_are_the_networks_own() {
         assert!(found.iter().eq(expected.data.iter()), "{map}");
     }
     // The header names the camera of the map, not of the image.
-    let mut more = vec!["--network-size"];
+    let mut more = vec!["--network-size", "--force"];
     more.extend(CAMERA);
     world.predict(&world.constant(), &more).code(0);
     let (plane, header) = exr::read_depth(&world.path("out/a.exr")).unwrap();
@@ -338,7 +338,13 @@ fn foreign_models_are_taken_at_their_word() {
     let mut more = vec!["--format", "exr"];
     more.extend(CAMERA);
     world.predict(&model, &more).code(2).says("no known scale");
-    world.predict(&model, &["--format", "color,npy"]).code(0);
+    world
+        .predict(&model, &["--format", "color,npy"])
+        .code(2)
+        .says("`description`");
+    world
+        .predict(&model, &["--format", "color,npy", "--force"])
+        .code(0);
     let array: ndarray::Array2<f32> = ndarray_npy::read_npy(world.path("out/a.npy")).unwrap();
     assert_eq!(array[[0, 0]], 5.0);
 }

@@ -396,7 +396,11 @@ fn an_interrupted_run_goes_on_and_ends_the_same() {
     interrupt();
     let other = write_model(world.folder.path(), "other", 0.05, 0.0, "kitti");
     let renamed = format!("looks={}", text(&other));
-    let ran = world.bench("all", "again", &["--model", &renamed]);
+    world
+        .bench("all", "again", &["--model", &renamed])
+        .code(2)
+        .says("results of another file under the name looks");
+    let ran = world.bench("all", "again", &["--model", &renamed, "--force"]);
     assert!(!ran.code(0).err.contains("measured before"), "{}", ran.err);
 }
 

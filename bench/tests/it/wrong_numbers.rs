@@ -96,7 +96,10 @@ fn what_an_interrupted_run_measured_with_another_description_is_measured_again()
     fs::write(world.path("out/unfinished-maps.csv"), &whole).unwrap();
     fs::write(world.path("out/unfinished-maps.yaml"), "scale: '5.4'\n").unwrap();
     describe(&path, "meaning: depth_m\nscale: 1.0\n");
-    let ran = evaluate(&world, "out", &path, &[]);
+    evaluate(&world, "out", &path, &[])
+        .code(2)
+        .says("other results of maps: scale was 5.4 and is 1.0");
+    let ran = evaluate(&world, "out", &path, &["--force"]);
     ran.code(0).says("scale was 5.4 and is 1.0");
     assert!(!ran.err.contains("measured before"), "{}", ran.err);
     for row in under_camera_z(&world, "out") {
@@ -123,7 +126,7 @@ fn parts_of_different_descriptions_are_not_put_together() {
         .code(1)
         .says("of model maps, scale was not there and is 2.0");
     save(&path, SIZE, |_, _| CAMERA_M, "meaning: depth_m\n");
-    evaluate(&world, "parts", &path, &["--shard", "1/2"]).code(0);
+    evaluate(&world, "parts", &path, &["--shard", "1/2", "--force"]).code(0);
     merge().code(0);
 }
 

@@ -17,7 +17,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use clap::{Parser, Subcommand};
-use strat_store::command::{CliError, DONE, USAGE, fail};
+use strat_store::command::{CliError, DONE, USAGE, fail, utf8_arguments};
 
 use self::terminal::conclude;
 use crate::set::shards;
@@ -83,6 +83,10 @@ pub fn command() -> clap::Command {
 
 /// Runs the command and returns its exit code. The first argument is the program's name.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
+    let args = match utf8_arguments(args) {
+        Ok(args) => args,
+        Err(error) => return fail(&error),
+    };
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
         Err(error) => {

@@ -9,6 +9,7 @@ use strat_splits::Role;
 use strat_store::progress::Progress;
 use strat_store::set::{PreparedSet, Sample};
 use strat_store::shard::Shard;
+use strat_store::signals::Watch;
 use strat_store::{files, threads};
 
 use super::files::SetFiles;
@@ -79,6 +80,7 @@ pub fn write_set<T: Sync>(
         .filter(|frame| options.shard.is_none_or(|shard| shard.has(&frame.id)))
         .collect();
     let label = format!("prep {}", settings.content);
+    let watch = Watch::new("stopping after the frames that are being made");
     let progress = Progress::new(&label, mine.len() as u64, "frames", options.quiet);
     let shown = AtomicU64::new(0);
     let show = |role: &str, id: &str, problem: &str| {
@@ -97,6 +99,7 @@ pub fn write_set<T: Sync>(
     }
     let made: Vec<_> = threads::pool("prep", options.threads)?.install(|| {
         let work = mine.par_iter().map(|frame| {
+            watch.check()?;
             let mut bad = Vec::new();
             let sample = match make(&set_files, frame, &mut bad) {
                 Ok(sample) => Some(sample),

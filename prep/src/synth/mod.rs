@@ -32,6 +32,7 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 use strat_store::progress::Progress;
+use strat_store::signals::Watch;
 use strat_store::threads;
 
 use crate::error::Result;
@@ -76,8 +77,12 @@ pub fn run(options: &Options) -> Result<u8> {
     let renderer = Renderer::of(options.preset, options.seed);
     let progress = Progress::new("synth", missing.len() as u64, "frames", options.quiet);
     let failures = Mutex::new(Vec::new());
+    let watch = Watch::new("stopping after the frames that are being rendered");
     pool.install(|| {
         missing.par_iter().for_each(|shot| {
+            if watch.told() {
+                return;
+            }
             if let Err(error) = output::write(&options.out, shot, &renderer.shoot(shot)) {
                 let line = format!("{} frame {}: {error}", shot.world, shot.index);
                 progress.println(&line);
@@ -90,6 +95,7 @@ pub fn run(options: &Options) -> Result<u8> {
         });
     });
     progress.finish();
+    watch.check()?;
     let failed = failures
         .into_inner()
         .unwrap_or_else(std::sync::PoisonError::into_inner)

@@ -88,12 +88,21 @@ impl Mark {
     /// # Errors
     /// The folder cannot be made or written to.
     pub fn begin(&self, out: &Path) -> Result<()> {
-        files::check_writable(out)?;
-        files::remove_leftovers(out)?;
+        self.go_on(out)?;
         if out.join(self.record).exists() {
             return Ok(());
         }
         self.write_begun(out)
+    }
+
+    /// Makes sure that the folder can be written to, and removes what killed runs left half-written
+    /// in it.
+    ///
+    /// # Errors
+    /// The folder cannot be made or written to.
+    pub fn go_on(&self, out: &Path) -> Result<()> {
+        files::check_writable(out)?;
+        files::remove_leftovers_among(out, self.writes)
     }
 
     /// Writes the record and takes the mark of work begun away.
@@ -106,13 +115,28 @@ impl Mark {
         files::remove(&out.join(self.begun()))
     }
 
-    /// Marks the folder as work begun although a record is there, and takes that away: for files that
-    /// are replaced one after another.
+    /// Makes the record one of work begun, for files that are replaced one after another. It keeps
+    /// what it says of the run before.
     ///
     /// # Errors
     /// The folder cannot be written to.
     pub fn reopen(&self, out: &Path) -> Result<()> {
-        self.write_begun(out)?;
+        let record = out.join(self.record);
+        if !record.exists() {
+            return Ok(());
+        }
+        files::rename(&record, &out.join(self.begun()))
+    }
+
+    /// Marks the folder as work begun with a record of what the work is, so that the next run can
+    /// tell whether it is the same, and what is older than it. A finished record is replaced by it.
+    ///
+    /// # Errors
+    /// The folder cannot be made or written to.
+    pub fn begin_with(&self, out: &Path, record: &[u8]) -> Result<()> {
+        debug_assert!(record.starts_with(self.begins.as_bytes()));
+        self.go_on(out)?;
+        files::write_atomic(&out.join(self.begun()), record)?;
         files::remove(&out.join(self.record))
     }
 
@@ -126,7 +150,7 @@ impl Mark {
     }
 
     /// Name of the record of work begun.
-    fn begun(&self) -> String {
+    pub fn begun(&self) -> String {
         format!("unfinished-{}", self.record)
     }
 

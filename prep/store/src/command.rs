@@ -10,6 +10,7 @@
 //! itself, and [`crate::progress`].
 
 use std::error::Error as StdError;
+use std::ffi::OsString;
 use std::fmt::Display;
 use std::io::{self, Write};
 
@@ -66,14 +67,47 @@ pub fn exit_code(error: &(dyn StdError + 'static)) -> u8 {
             Some(CliError::Failed(_)) => return FAILED,
             None => {}
         }
-        if let Some(Error::Set { .. } | Error::Unwritable { .. } | Error::Output { .. }) =
-            error.downcast_ref()
-        {
-            return USAGE;
+        match error.downcast_ref() {
+            Some(Error::Set { .. } | Error::Output { .. }) => return USAGE,
+            Some(Error::Unwritable { source, .. }) if is_refusal(source) => return USAGE,
+            _ => {}
         }
         next = error.source();
     }
     FAILED
+}
+
+/// Whether a folder cannot be written to for what it is, and not because a disk is full or broken.
+fn is_refusal(error: &io::Error) -> bool {
+    use io::ErrorKind::{
+        AlreadyExists, InvalidFilename, InvalidInput, IsADirectory, NotADirectory, NotFound,
+        PermissionDenied, ReadOnlyFilesystem,
+    };
+    matches!(
+        error.kind(),
+        AlreadyExists
+            | InvalidFilename
+            | InvalidInput
+            | IsADirectory
+            | NotADirectory
+            | NotFound
+            | PermissionDenied
+            | ReadOnlyFilesystem
+    )
+}
+
+/// The arguments of a command, refused where one is no UTF-8: records of what ran could not hold it.
+///
+/// # Errors
+/// One is not.
+pub fn utf8_arguments(args: impl IntoIterator<Item = OsString>) -> Result<Vec<OsString>, CliError> {
+    let args: Vec<OsString> = args.into_iter().collect();
+    match args.iter().find(|argument| argument.to_str().is_none()) {
+        Some(odd) => Err(CliError::Usage(format!(
+            "the argument {odd:?} is not UTF-8; rename the file or folder, or give a link to it"
+        ))),
+        None => Ok(args),
+    }
 }
 
 /// Prints `error: ...` with all causes on stderr and returns the [`exit_code`].
@@ -174,6 +208,21 @@ mod tests {
         let failed = CliError::Failed(String::new());
         assert_eq!(exit_code(&above("", failed)), FAILED);
         assert!(threads::pool("test", 1).is_ok());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn arguments_are_text() {
+        use std::os::unix::ffi::OsStringExt;
+        let args = |last: &[u8]| {
+            utf8_arguments([b"prep", last].map(|text| OsString::from_vec(text.to_vec())))
+        };
+        assert_eq!(args("Straße".as_bytes()).unwrap().len(), 2);
+        let refused = args(b"caf\xe9").unwrap_err();
+        assert!(
+            matches!(&refused, CliError::Usage(text) if text.contains("caf\\xE9")),
+            "{refused}"
+        );
     }
 
     #[test]

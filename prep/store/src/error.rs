@@ -115,6 +115,11 @@ pub enum Error {
         /// What is there and what to do.
         problem: String,
     },
+    /// A signal ended the work; what is done is kept.
+    #[error(
+        "interrupted; what is done is kept: run the same command again, and it goes on from there"
+    )]
+    Interrupted,
     /// A value that could not be turned into text.
     #[error("cannot write this as YAML: {0}")]
     ToYaml(String),

@@ -7,7 +7,8 @@
 //! and [`remove_leftovers`] removes it; a lock that dies with its process keeps the files that
 //! another process is still writing.
 //!
-//! Debug builds can end themselves at any change to the file system: see [`fault`].
+//! Every change to the file system is made here and passes [`fault`], so that tests can try a kill or
+//! an error at each of them.
 
 use std::ffi::OsString;
 use std::io::{self, BufWriter, Write};
@@ -17,6 +18,7 @@ use serde::Serialize;
 use tempfile::NamedTempFile;
 
 use crate::error::{Error, Result};
+use crate::fault::{self, Counted};
 use crate::inputs::{self, Kind};
 
 /// Prefix of temporary files.
@@ -60,7 +62,7 @@ pub fn write_atomic_with(
 #[derive(Debug)]
 pub(crate) struct Unfinished {
     path: PathBuf,
-    pub out: BufWriter<NamedTempFile>,
+    pub out: BufWriter<Counted<NamedTempFile>>,
 }
 
 impl Unfinished {
@@ -69,11 +71,11 @@ impl Unfinished {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        make_folder(folder).map_err(|e| Error::io("create the folder", folder, e))?;
+        make_folder(folder)?;
         let file = unfinished_in(folder).map_err(|e| Error::io("write", path, e))?;
         Ok(Self {
             path: path.to_owned(),
-            out: BufWriter::with_capacity(1 << 16, file),
+            out: BufWriter::with_capacity(1 << 16, Counted(file)),
         })
     }
 
@@ -82,9 +84,10 @@ impl Unfinished {
             .out
             .into_inner()
             .map_err(io::IntoInnerError::into_error);
-        fault::point();
-        let persisted = written.and_then(|file| file.persist(&self.path).map_err(|e| e.error));
-        fault::point();
+        let persisted = written.and_then(|Counted(file)| {
+            fault::point()?;
+            file.persist(&self.path).map_err(|e| e.error)
+        });
         persisted
             .map(drop)
             .map_err(|e| Error::io("write", &self.path, e))
@@ -106,18 +109,28 @@ pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -
     })
 }
 
+/// Renames a file or a folder, which replaces a file of the new name.
+///
+/// # Errors
+/// It cannot be renamed.
+pub fn rename(from: &Path, to: &Path) -> Result<()> {
+    let renamed = fault::point().and_then(|()| std::fs::rename(from, to));
+    renamed.map_err(|e| Error::io("rename", from, e))
+}
+
 /// Removes a file or a folder with all that is in it; nothing there is as good.
 ///
 /// # Errors
 /// It cannot be removed.
 pub fn remove(path: &Path) -> Result<()> {
-    fault::point();
-    let is_folder = path.symlink_metadata().is_ok_and(|found| found.is_dir());
-    let removed = if is_folder {
-        std::fs::remove_dir_all(path)
-    } else {
-        std::fs::remove_file(path)
-    };
+    let removed = path.symlink_metadata().and_then(|found| {
+        fault::point()?;
+        if found.is_dir() {
+            std::fs::remove_dir_all(path)
+        } else {
+            std::fs::remove_file(path)
+        }
+    });
     match removed {
         Err(e) if e.kind() != io::ErrorKind::NotFound => Err(Error::io("remove", path, e)),
         _ => Ok(()),
@@ -135,9 +148,7 @@ pub fn remove_folder_atomic(folder: &Path) -> Result<()> {
     let name = unfinished_in(parent).map_err(wrong)?.into_temp_path();
     let doomed = name.to_path_buf();
     name.close().map_err(wrong)?;
-    fault::point();
-    std::fs::rename(folder, &doomed).map_err(wrong)?;
-    fault::point();
+    rename(folder, &doomed)?;
     remove(&doomed)
 }
 
@@ -147,10 +158,20 @@ pub fn remove_folder_atomic(folder: &Path) -> Result<()> {
 /// # Errors
 /// A folder cannot be read or a leftover not be removed.
 pub fn remove_leftovers(folder: &Path) -> Result<()> {
+    remove_leftovers_among(folder, |_| true)
+}
+
+/// Like [`remove_leftovers`] in a folder that others use as well: only in folders of names that are
+/// one's `own`.
+///
+/// # Errors
+/// A folder cannot be read or a leftover not be removed.
+pub fn remove_leftovers_among(folder: &Path, own: impl Fn(&str) -> bool) -> Result<()> {
     for name in names_in(folder)? {
         let path = folder.join(&name);
+        let name = name.to_string_lossy();
         let is_folder = path.symlink_metadata().is_ok_and(|found| found.is_dir());
-        match (is_leftover(&name.to_string_lossy()), is_folder) {
+        match (is_leftover(&name), is_folder) {
             (true, true) => remove(&path)?,
             (true, false) => {
                 // Whoever is writing it holds the lock.
@@ -160,8 +181,8 @@ pub fn remove_leftovers(folder: &Path) -> Result<()> {
                     remove(&path)?;
                 }
             }
-            (false, true) => remove_leftovers(&path)?,
-            (false, false) => {}
+            (false, true) if own(&name) => remove_leftovers(&path)?,
+            (false, _) => {}
         }
     }
     Ok(())
@@ -182,7 +203,7 @@ pub fn names_in(folder: &Path) -> Result<Vec<OsString>> {
 /// # Errors
 /// It cannot be created or written to.
 pub fn check_writable(folder: &Path) -> Result<()> {
-    let written = make_folder(folder).and_then(|()| unfinished_in(folder));
+    let written = made(folder).and_then(|()| unfinished_in(folder));
     written.map(drop).map_err(|source| Error::Unwritable {
         path: folder.to_owned(),
         source,
@@ -211,12 +232,58 @@ pub fn blake3_file(path: &Path, kind: Kind) -> Result<String> {
     Ok(hasher.finalize().to_hex().to_string())
 }
 
-fn make_folder(folder: &Path) -> io::Result<()> {
+/// Makes a folder with all above it, where it is not there.
+///
+/// # Errors
+/// It cannot be made.
+pub fn make_folder(folder: &Path) -> Result<()> {
+    made(folder).map_err(|e| Error::io("create the folder", folder, e))
+}
+
+fn made(folder: &Path) -> io::Result<()> {
     if !folder.is_dir() {
-        fault::point();
+        fault::point()?;
         std::fs::create_dir_all(folder)?;
     }
     Ok(())
+}
+
+/// A file at whose end lines are added, each of them at once: a process that is killed leaves whole
+/// ones and at most the beginning of one.
+#[derive(Debug)]
+pub struct Appending {
+    path: PathBuf,
+    file: std::fs::File,
+}
+
+impl Appending {
+    /// Opens a file, which is made where it is not there.
+    ///
+    /// # Errors
+    /// It cannot be opened.
+    pub fn open(path: &Path) -> Result<Self> {
+        let open = |()| {
+            std::fs::File::options()
+                .append(true)
+                .create(true)
+                .open(path)
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            file: fault::point()
+                .and_then(open)
+                .map_err(|e| Error::io("write", path, e))?,
+        })
+    }
+
+    /// Adds bytes at the end.
+    ///
+    /// # Errors
+    /// The disk is full or gone.
+    pub fn add(&mut self, bytes: &[u8]) -> Result<()> {
+        let written = Counted(&mut self.file).write_all(bytes);
+        written.map_err(|e| Error::io("write", &self.path, e))
+    }
 }
 
 fn unfinished_in(folder: &Path) -> io::Result<NamedTempFile> {
@@ -229,43 +296,15 @@ fn unfinished_in(folder: &Path) -> io::Result<NamedTempFile> {
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     loop {
+        fault::point()?;
         let file = builder.tempfile_in(folder)?;
         // A file system without locks has no leftovers removed either.
         let _ = file.as_file().lock();
         // Another process may have taken it for a leftover before the lock was there.
         if file.path().exists() {
-            fault::point();
             return Ok(file);
         }
     }
-}
-
-/// Ends a debug build at a chosen change to the file system, as a kill would: for tests that try
-/// all of them.
-pub mod fault {
-    /// Environment variable with the number of the change, from 1, before which the process ends.
-    pub const VARIABLE: &str = "STRAT_FAULT_AT";
-
-    /// Counts a change to the file system that is about to be made or was just made.
-    #[cfg(debug_assertions)]
-    pub fn point() {
-        use std::sync::LazyLock;
-        use std::sync::atomic::{AtomicU64, Ordering};
-
-        static CHOSEN: LazyLock<Option<u64>> =
-            LazyLock::new(|| std::env::var(VARIABLE).ok()?.parse().ok());
-        static COUNT: AtomicU64 = AtomicU64::new(0);
-        if let Some(chosen) = *CHOSEN
-            && COUNT.fetch_add(1, Ordering::Relaxed) + 1 == chosen
-        {
-            // No destructor runs, as after SIGKILL.
-            std::process::abort();
-        }
-    }
-
-    /// Does nothing in release builds.
-    #[cfg(not(debug_assertions))]
-    pub fn point() {}
 }
 
 #[cfg(test)]

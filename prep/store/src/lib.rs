@@ -6,13 +6,15 @@
 //! [`resize`] for pictures, [`exr`] for depth, [`npy`] for NumPy's arrays, [`files`] for writing,
 //! [`inputs`] for reading what may be anything,
 //! [`yaml`] for configuration. [`command`] (exit codes, errors, printing), [`progress`], [`human`],
-//! [`guard`], [`threads`], [`shard`] and [`spread`] are what the three commands do alike. It knows nothing
+//! [`guard`], [`threads`], [`signals`], [`shard`] and [`spread`] are what the three commands do alike. It
+//! knows nothing
 //! about where data comes from, and no clap.
 
 pub mod claim;
 pub mod command;
 mod error;
 pub mod exr;
+pub mod fault;
 pub mod files;
 pub mod guard;
 pub mod human;
@@ -24,6 +26,7 @@ pub mod raster;
 pub mod resize;
 pub mod set;
 pub mod shard;
+pub mod signals;
 pub mod spread;
 pub mod threads;
 pub mod yaml;

@@ -82,8 +82,10 @@ impl Shard {
         if !foreign.is_empty() {
             own.iter().try_for_each(|path| files::remove(path))?;
             for name in files::names_in(&parts)? {
-                // Fails where a file that is not ours is left.
-                let _ = std::fs::remove_dir(parts.join(name));
+                let folder = parts.join(name);
+                if files::names_in(&folder).is_ok_and(|names| names.is_empty()) {
+                    files::remove(&folder)?;
+                }
             }
         } else if parts.is_dir() {
             files::remove_folder_atomic(&parts)?;

@@ -25,6 +25,9 @@ pub(super) struct ExportArgs {
     /// by more than the tolerance.
     #[arg(long)]
     f16: bool,
+    /// Replace an export of another run at --out.
+    #[arg(long)]
+    force: bool,
 }
 
 pub(super) fn export(args: &ExportArgs) -> Result<(), CliError> {
@@ -35,7 +38,8 @@ pub(super) fn export(args: &ExportArgs) -> Result<(), CliError> {
             "--f16 is for the ONNX model; initial weights are written as they are".to_owned(),
         ));
     }
-    let exported = model::export_run(&args.run, args.out.as_deref(), args.best, weights)?;
+    let out = args.out.as_deref();
+    let exported = model::export_run(&args.run, out, args.best, weights, args.force)?;
     for warning in &exported.warnings {
         eprint_line(warning);
     }

@@ -10,7 +10,7 @@ mod train;
 use std::ffi::OsString;
 
 use clap::{Parser, Subcommand};
-use strat_store::command::{CliError, DONE, USAGE, fail, print_line};
+use strat_store::command::{CliError, DONE, USAGE, fail, print_line, utf8_arguments};
 
 use self::estimate::EstimateArgs;
 use self::export::ExportArgs;
@@ -63,6 +63,10 @@ pub fn command() -> clap::Command {
 
 /// Runs the command with the arguments after the program's own name first; the exit code.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
+    let args = match utf8_arguments(args) {
+        Ok(args) => args,
+        Err(error) => return fail(&error),
+    };
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
         Err(error) => {

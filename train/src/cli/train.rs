@@ -1,12 +1,11 @@
 //! `train` itself: a run, new or resumed.
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use strat_store::command::{CliError, DONE, FAILED, eprint_line, print, print_line};
 use strat_store::human;
+use strat_store::signals::Watch;
 
 use super::setup::Setup;
 use crate::config::Config;
@@ -98,6 +97,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<u8, CliError> {
         &args.out,
         "where to? Give --out with a folder for the run, e.g. --out runs/first",
     )?;
+    let watch = Watch::new("stopping after this step");
     let options = Options {
         config,
         data,
@@ -108,25 +108,9 @@ pub(super) fn train(args: &TrainArgs) -> Result<u8, CliError> {
         force: args.force,
         quiet: args.quiet,
         ignore_memory: args.ignore_memory,
-        stop: stop_on_signals(),
+        stop: watch.flag(),
     };
     conclude(&run(&options)?, &options)
-}
-
-/// Becomes true with the first interrupt (Ctrl-C), termination (a cluster's time limit) or hang-up
-/// (a closed terminal).
-fn stop_on_signals() -> Arc<AtomicBool> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    // A second signal does not wait for the step to end. A handler that is already there
-    // (the command called twice in one process) stays.
-    let _ = ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-        eprint_line("stopping after this step; a second signal stops at once");
-    });
-    stop
 }
 
 fn conclude(outcome: &Outcome, options: &Options) -> Result<u8, CliError> {

@@ -220,6 +220,15 @@ pub fn write(parameters: &[Parameter], drives: Option<&[String]>, path: &Path) -
     Ok(files::write_atomic(path, &bytes)?)
 }
 
+/// The drives of a file that [`write()`] has written; none of another file, or where it does not name
+/// them.
+pub fn drives_of_own(path: &Path) -> Option<Vec<String>> {
+    let bytes = fs_err::read(path).ok()?;
+    let (_, header) = SafeTensors::read_metadata(&bytes).ok()?;
+    let drives = header.metadata().as_ref()?.get(DRIVES)?;
+    Some(drives.split_whitespace().map(str::to_owned).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -22,6 +22,8 @@ use crate::error::{Error, Result};
 const FORMAT: u32 = 1;
 const STATE: &str = "state.json";
 const CHECKSUMS: &str = "checksums.b3";
+/// Begins the name of a checkpoint that is being written.
+const PARTIAL: &str = ".partial-";
 const PREFIX: &str = "step-";
 
 /// The best validation score so far.
@@ -158,11 +160,13 @@ impl Checkpoints {
         let target = self.path(checkpoint.state.step);
         let partial = self
             .folder
-            .join(format!(".partial-{:08}", checkpoint.state.step));
-        if partial.exists() {
-            fs_err::remove_dir_all(&partial)?;
+            .join(format!("{PARTIAL}{:08}", checkpoint.state.step));
+        for name in files::names_in(&self.folder)? {
+            // What a killed run has left, of whichever step.
+            if name.to_string_lossy().starts_with(PARTIAL) {
+                files::remove(&self.folder.join(name))?;
+            }
         }
-        fs_err::create_dir_all(&partial)?;
         let mut state = serde_json::to_vec_pretty(&checkpoint.state)
             .map_err(|error| damaged(&target, error.to_string()))?;
         state.push(b'\n');
@@ -173,14 +177,14 @@ impl Checkpoints {
             .map(|(name, bytes)| (name.as_str(), bytes.as_slice()))
             .chain([(STATE, state.as_slice())]);
         for (name, bytes) in files {
-            fs_err::write(partial.join(name), bytes)?;
+            files::write_atomic(&partial.join(name), bytes)?;
             checksums.push_str(&format!("{}  {name}\n", files::blake3_hex(bytes)));
         }
-        fs_err::write(partial.join(CHECKSUMS), checksums)?;
+        files::write_atomic(&partial.join(CHECKSUMS), checksums.as_bytes())?;
         if target.exists() {
-            fs_err::remove_dir_all(&target)?;
+            files::remove_folder_atomic(&target)?;
         }
-        fs_err::rename(&partial, &target)?;
+        files::rename(&partial, &target)?;
         Ok(target)
     }
 
@@ -193,7 +197,7 @@ impl Checkpoints {
         let old = steps.len().saturating_sub(keep.max(1));
         for step in &steps[..old] {
             if Some(*step) != best {
-                fs_err::remove_dir_all(self.path(*step))?;
+                files::remove_folder_atomic(&self.path(*step))?;
             }
         }
         Ok(())

@@ -6,11 +6,12 @@
 
 use std::fs::{File, TryLockError};
 use std::path::PathBuf;
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use strat_onnx::metadata::TrainingCamera;
-use strat_store::files;
 use strat_store::inputs::{self, Kind};
+use strat_store::{fault, files};
 
 use super::checkpoint::{Checkpoint, Checkpoints};
 use crate::config::Config;
@@ -85,9 +86,14 @@ impl RunFolder {
         self.root.join(name)
     }
 
+    /// Whether there is a run in the folder.
+    pub fn is_run(&self) -> bool {
+        self.path(RUN).exists() && self.path(CONFIG).exists()
+    }
+
     /// Looks at the output folder before any work. True when it holds a run.
     pub fn examine(&self, resume: bool, force: bool) -> Result<bool> {
-        let is_run = self.path(RUN).exists() && self.path(CONFIG).exists();
+        let is_run = self.is_run();
         if is_run && !resume && !force {
             return Err(Error::RunExists(self.root.clone()));
         }
@@ -114,6 +120,7 @@ impl RunFolder {
         }
         // Find out now, not after hours, whether the folder can be written.
         files::check_writable(&self.root)?;
+        files::remove_leftovers(&self.root)?;
         Ok(is_run)
     }
 
@@ -125,12 +132,20 @@ impl RunFolder {
     pub fn lock(&self) -> Result<File> {
         let mut options = fs_err::OpenOptions::new();
         let file = options.create(true).truncate(false).write(true);
+        fault::point()?;
         let file = file.open(self.path(LOCK))?.into_parts().0;
-        match file.try_lock() {
-            Ok(()) => Ok(file),
-            Err(TryLockError::WouldBlock) => Err(Error::InUse(self.root.clone())),
-            Err(TryLockError::Error(error)) => Err(error.into()),
+        // A program that this process is just starting holds all its locks for an instant.
+        for tries_left in (0..10).rev() {
+            match file.try_lock() {
+                Ok(()) => return Ok(file),
+                Err(TryLockError::WouldBlock) if tries_left > 0 => {
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+                Err(TryLockError::WouldBlock) => break,
+                Err(TryLockError::Error(error)) => return Err(error.into()),
+            }
         }
+        Err(Error::InUse(self.root.clone()))
     }
 
     pub fn config(&self) -> Result<Config> {
@@ -223,18 +238,13 @@ impl RunFolder {
     /// Writes what is known at the start; a new run first removes what an old one left.
     pub fn prepare(&self, config: &Config, info: &RunInfo, resumed: bool) -> Result<()> {
         if !resumed {
-            // First what makes the folder a run: killed here, it is none, and can be started again.
-            for name in [RUN, SCALARS, VALIDATION, MODEL] {
-                let path = self.path(name);
-                if path.exists() {
-                    fs_err::remove_file(path)?;
-                }
+            // First what could be resumed, last what makes the folder a run: killed between, it can be
+            // replaced again.
+            if self.path(CHECKPOINTS).exists() {
+                files::remove_folder_atomic(&self.path(CHECKPOINTS))?;
             }
-            for name in [CHECKPOINTS, PICTURES, EVENTS] {
-                let path = self.path(name);
-                if path.exists() {
-                    fs_err::remove_dir_all(path)?;
-                }
+            for name in [PICTURES, EVENTS, SCALARS, VALIDATION, MODEL, RUN] {
+                files::remove(&self.path(name))?;
             }
         }
         files::write_atomic(&self.path(CONFIG), config.to_yaml()?.as_bytes())?;

@@ -1,9 +1,8 @@
 //! What a run writes down as it goes: two tables and TensorBoard's event files, from the same numbers.
 
-use std::fs::File;
 use std::path::Path;
 
-use strat_store::files;
+use strat_store::files::{self, Appending};
 use strat_store::inputs::{self, Kind};
 
 use super::folder::{EVENTS, PICTURES, RunFolder, SCALARS, VALIDATION};
@@ -106,7 +105,7 @@ impl<'a> Log<'a> {
 }
 
 /// A CSV file that grows by a line at a time; its first columns are step and epoch.
-struct Table(strat_csv::Writer<File>);
+struct Table(Appending);
 
 impl Table {
     /// Opens a table for appending after those of its lines whose step is to be kept.
@@ -136,13 +135,14 @@ impl Table {
         }
         let kept = kept.into_inner()?;
         files::write_atomic(path, &kept)?;
-        let file = fs_err::OpenOptions::new().append(true).open(path)?;
-        Ok(Self(strat_csv::Writer::new(file.into_parts().0)))
+        Ok(Self(Appending::open(path)?))
     }
 
     fn line(&mut self, cells: impl IntoIterator<Item = String>) -> Result<()> {
-        self.0.write_record(cells)?;
-        Ok(self.0.flush()?)
+        let mut line = strat_csv::Writer::new(Vec::new());
+        line.write_record(cells)?;
+        let line = line.into_inner()?;
+        Ok(self.0.add(&line)?)
     }
 }
 

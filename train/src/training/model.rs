@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use strat_onnx::metadata::{InputRange, ModelMetadata, OutputMeaning, Weights};
+use strat_store::claim;
 
 use super::checkpoint::State;
 use super::folder::{MODEL, RunFolder, RunInfo};
@@ -34,19 +35,23 @@ pub struct Exported {
 }
 
 /// Writes the model of a finished or interrupted run from its newest (or best) checkpoint: ONNX, or
-/// the weights of all its networks where `out` ends in `.safetensors`.
+/// the weights of all its networks where `out` ends in `.safetensors`. An export of another run is
+/// replaced with `force` only.
 ///
 /// # Errors
-/// When the folder holds no run, no usable checkpoint, or the model cannot be written.
+/// When `out` is another file than an export, the folder holds no run, no usable checkpoint, or the model cannot be written.
 pub fn export_run(
     run: &Path,
     out: Option<&Path>,
     best: bool,
     weights: Weights,
+    force: bool,
 ) -> Result<Exported> {
     let folder = RunFolder::new(run.to_path_buf());
     let config: Config = folder.config()?;
     let info = folder.info()?;
+    let target = out.map_or_else(|| run.join(MODEL), Path::to_path_buf);
+    check_replaceable(&target, run, (&config, &info), force)?;
     let (newest, warnings) = folder.newest(&info)?;
     let checkpoint = newest.ok_or_else(|| Error::NoRun {
         folder: run.to_path_buf(),
@@ -69,24 +74,86 @@ pub fn export_run(
     let device = DeviceChoice::Cpu.open()?;
     let path = folder.checkpoints.path(checkpoint.state.step);
     let trainer = Trainer::from_checkpoint(&config, &device, &checkpoint, &path)?;
-    let path = out.map_or_else(|| run.join(MODEL), Path::to_path_buf);
-    if is_weights_file(&path) {
+    if is_weights_file(&target) {
         // Without the list of drives the file says that its training is unknown, as it is.
         let drives = (!info.unknown_start).then_some(info.train_drives.as_slice());
-        initial_weights::write(&trainer.all_parameters(), drives, &path)?;
+        initial_weights::write(&trainer.all_parameters(), drives, &target)?;
         return Ok(Exported {
-            path,
+            path: target,
             parity: None,
             warnings,
         });
     }
     let state = &checkpoint.state;
     let generator = trainer.generator();
-    let parity = export_model(&generator, &config, &info, state, weights, &path)?;
+    let parity = export_model(&generator, &config, &info, state, weights, &target)?;
     Ok(Exported {
-        path,
+        path: target,
         parity: Some(parity),
         warnings,
+    })
+}
+
+/// Makes sure that an export replaces nothing but an export of the same run, or with `force` one of
+/// another; never another file of a run.
+fn check_replaceable(
+    path: &Path,
+    run: &Path,
+    made_with: (&Config, &RunInfo),
+    force: bool,
+) -> Result<()> {
+    let refuse = |problem: &str| {
+        Err(Error::Store(strat_store::Error::Output {
+            path: path.to_path_buf(),
+            problem: problem.to_owned(),
+        }))
+    };
+    let (here, run) = (claim::resolve(path)?, claim::resolve(run)?);
+    if here.is_dir() {
+        return refuse("this is a folder; give a file");
+    }
+    let in_run = |folder: &&Path| RunFolder::new(folder.to_path_buf()).is_run();
+    let of_run = here.ancestors().skip(1).find(in_run);
+    if of_run.is_some_and(|folder| folder != run) {
+        return refuse("this lies in the folder of another run; give another name");
+    }
+    if !here.exists() || here == run.join(MODEL) && !is_foreign(&here) {
+        return Ok(());
+    }
+    if is_foreign(&here) {
+        return refuse(
+            "this file was not written by `train export`; give another name or remove it",
+        );
+    }
+    if of_run.is_some() || force || is_of_run(&here, made_with) {
+        return Ok(());
+    }
+    refuse("this is an export of another run; give another name, or replace it with --force")
+}
+
+/// Whether a file is no export.
+fn is_foreign(path: &Path) -> bool {
+    if is_weights_file(path) {
+        return initial_weights::drives_of_own(path).is_none();
+    }
+    let producer = strat_onnx::model::read(path).map(|model| model.info.producer);
+    !producer.is_ok_and(|producer| producer.as_deref() == Some(strat_onnx::graph::PRODUCER))
+}
+
+/// Whether an export says of its training what this run was made with, as far as it says anything.
+fn is_of_run(path: &Path, (config, info): (&Config, &RunInfo)) -> bool {
+    if is_weights_file(path) {
+        return initial_weights::drives_of_own(path) == Some(info.train_drives.clone());
+    }
+    let model = strat_onnx::model::read(path);
+    let metadata = model.ok().and_then(|model| model.info.metadata().cloned());
+    metadata.is_some_and(|metadata| {
+        metadata.train_data_digest.as_ref() == Some(&info.data_digest)
+            && metadata.train_drives == info.train_drives
+            && metadata.variant.as_deref() == Some(variant_name(config))
+            && metadata.seed == Some(config.seed)
+            && (metadata.input_width, metadata.input_height)
+                == (config.input.width, config.input.height)
     })
 }
 

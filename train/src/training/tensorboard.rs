@@ -5,14 +5,15 @@
 //! are the subset of TensorFlow's `event.proto` and `summary.proto` that is written; field numbers
 //! are theirs. Nothing is read back, and no other kind of summary is known.
 
-use std::fs::File;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use image::RgbImage;
 use prost::{Message, Oneof};
+use strat_store::files::{self, Appending};
 use strat_store::image_files::encode_png_rgb;
+
+use crate::error::Result;
 
 /// `SessionLog.SessionStatus.START`: what earlier files say of this step and later ones is void.
 const SESSION_START: i32 = 1;
@@ -83,7 +84,7 @@ struct Picture {
 /// An event file that grows while a run goes on.
 #[derive(Debug)]
 pub struct EventWriter {
-    file: File,
+    file: Appending,
     path: PathBuf,
 }
 
@@ -95,24 +96,21 @@ impl EventWriter {
     ///
     /// # Errors
     /// The folder or the file cannot be made.
-    pub fn create(folder: &Path, first_step: u64) -> std::io::Result<Self> {
-        fs_err::create_dir_all(folder)?;
+    pub fn create(folder: &Path, first_step: u64) -> Result<Self> {
+        files::make_folder(folder)?;
         let seconds = SystemTime::now()
             .duration_since(UNIX_EPOCH)
             .map_or(0, |since| since.as_secs());
         // TensorBoard orders the files of a folder by name and wants `tfevents` in it; two starts
         // within one second get names of their own.
-        let (path, file) = (0..)
-            .find_map(|number: u32| {
-                let path = folder.join(format!(
-                    "events.out.tfevents.{seconds:010}.{number:04}.strat"
-                ));
-                match File::create_new(&path) {
-                    Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => None,
-                    made => Some(made.map(|file| (path, file))),
-                }
-            })
-            .unwrap_or_else(|| Err(std::io::ErrorKind::AlreadyExists.into()))?;
+        let mut names = (0..).map(|number: u32| {
+            folder.join(format!(
+                "events.out.tfevents.{seconds:010}.{number:04}.strat"
+            ))
+        });
+        let free = names.find(|path| !path.exists());
+        let path = free.unwrap_or_else(|| folder.join("events.out.tfevents.strat"));
+        let file = Appending::open(&path)?;
         let mut writer = Self { file, path };
         writer.event(0, What::FileVersion("brain.Event:2".to_owned()))?;
         if first_step > 0 {
@@ -140,7 +138,7 @@ impl EventWriter {
         &mut self,
         step: u64,
         values: impl IntoIterator<Item = (&'static str, f64)>,
-    ) -> std::io::Result<()> {
+    ) -> Result<()> {
         let value = |(tag, number): (&str, f64)| Value {
             tag: tag.to_owned(),
             content: Some(Content::SimpleValue(number as f32)),
@@ -153,7 +151,7 @@ impl EventWriter {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn picture(&mut self, step: u64, tag: &str, picture: &RgbImage) -> std::io::Result<()> {
+    pub fn picture(&mut self, step: u64, tag: &str, picture: &RgbImage) -> Result<()> {
         let (width, height) = picture.dimensions();
         let picture = Picture {
             height: height as i32,
@@ -168,7 +166,7 @@ impl EventWriter {
         self.event(step, What::Summary(Summary { value }))
     }
 
-    fn event(&mut self, step: u64, what: What) -> std::io::Result<()> {
+    fn event(&mut self, step: u64, what: What) -> Result<()> {
         let wall_time = SystemTime::now()
             .duration_since(UNIX_EPOCH)
             .map_or(0.0, |since| since.as_secs_f64());
@@ -178,7 +176,7 @@ impl EventWriter {
             what: Some(what),
         };
         // One write per record: a killed run leaves at most one broken record, at the end.
-        self.file.write_all(&record(&event.encode_to_vec()))
+        Ok(self.file.add(&record(&event.encode_to_vec()))?)
     }
 }
 

@@ -149,6 +149,7 @@ fn the_photometric_error_falls_and_the_model_is_exported() {
         Some(&folder.path().join("again.onnx")),
         false,
         Weights::F32,
+        false,
     )
     .unwrap();
     assert_eq!(
@@ -220,7 +221,7 @@ fn each_view_can_have_a_discriminator_of_its_own() {
     );
     // Both are trained: neither is what it was before the step, nor are they alike.
     let file = folder.path().join("own.safetensors");
-    export_run(&own.out, Some(&file), false, Weights::F32).unwrap();
+    export_run(&own.out, Some(&file), false, Weights::F32, false).unwrap();
     let trained = InitialWeights::read(&file).unwrap();
     let before = Trainer::new(&own.config, None, &DeviceChoice::Cpu.open().unwrap());
     for parameter in before.all_parameters() {
@@ -244,7 +245,7 @@ fn a_run_begins_with_the_weights_of_another() {
     let first = options(folder.path(), "first", &settings);
     go(&first);
     let file = folder.path().join("start.safetensors");
-    let exported = export_run(&first.out, Some(&file), false, Weights::F32).unwrap();
+    let exported = export_run(&first.out, Some(&file), false, Weights::F32, false).unwrap();
     assert_eq!((&exported.path, exported.parity), (&file, None));
 
     // The networks are those of the first run, whatever the seed.
@@ -420,12 +421,71 @@ fn a_checkpoint_of_another_configuration_is_refused() {
         text.contains("another configuration") && text.contains(step),
         "{text}"
     );
-    let text = export_run(&own.out, None, false, Weights::F32)
+    let text = export_run(&own.out, None, false, Weights::F32, false)
         .unwrap_err()
         .to_string();
     assert!(text.contains("another configuration"), "{text}");
     std::fs::remove_dir_all(own.out.join(step)).unwrap();
     go(&own);
+}
+
+#[test]
+fn an_export_replaces_only_exports_of_its_own_run() {
+    let folder = set();
+    let at = |name: &str| folder.path().join(name);
+    let settings = ["max_steps=1", "validation.every=0"];
+    let first = options(folder.path(), "first", &settings);
+    let second = options(
+        folder.path(),
+        "second",
+        &[&settings[..], &["seed=9"]].concat(),
+    );
+    go(&first);
+    go(&second);
+    let export = |run: &Options, out: &Path, force: bool| {
+        let done = export_run(&run.out, Some(out), false, Weights::F32, force);
+        done.map(drop).map_err(|error| error.to_string())
+    };
+    let refused = |run: &Options, out: &Path, force: bool, sentence: &str| {
+        let before = std::fs::read(out).ok();
+        let text = export(run, out, force).unwrap_err();
+        assert!(text.contains(sentence), "{text}");
+        assert_eq!(std::fs::read(out).ok(), before, "{}", out.display());
+    };
+    for name in ["model.onnx", "weights.safetensors"] {
+        let out = at(name);
+        std::fs::write(&out, b"somebody's").unwrap();
+        refused(&first, &out, true, "not written by `train export`");
+        std::fs::remove_file(&out).unwrap();
+        export(&first, &out, false).unwrap();
+        export(&first, &out, false).unwrap();
+    }
+    refused(
+        &second,
+        &at("model.onnx"),
+        false,
+        "an export of another run",
+    );
+    export(&second, &at("model.onnx"), true).unwrap();
+    for name in [
+        "scalars.csv",
+        "run.json",
+        "checkpoints/step-00000001/state.json",
+    ] {
+        refused(&first, &first.out.join(name), true, "not written by");
+    }
+    let theirs = second.out.join("model.onnx");
+    refused(&first, &theirs, true, "in the folder of another run");
+    refused(
+        &first,
+        &at("none/../second/new.onnx"),
+        true,
+        "in the folder of another run",
+    );
+    refused(&first, folder.path(), false, "this is a folder");
+    assert!(!at("none").exists());
+    export(&first, &first.out.join("best.onnx"), false).unwrap();
+    export_run(&first.out, None, false, Weights::F32, false).unwrap();
 }
 
 #[test]
