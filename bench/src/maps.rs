@@ -148,6 +148,13 @@ impl Target {
 pub fn targets(request: &Request, description: &Description) -> Result<Vec<Target>, CliError> {
     let camera = request.camera;
     let meaning = description.output.meaning();
+    if description.output.canonical_focal_px.is_some() && camera.is_none() {
+        return Err(CliError::Usage(
+            "the model gives depth for a camera of its own (`canonical_focal_px`); give --focal-px and \
+             --baseline-m of the images"
+                .to_owned(),
+        ));
+    }
     let mut targets: Vec<Target> = Vec::new();
     for &format in &request.formats {
         if targets.iter().any(|target| target.format == format) {
@@ -478,7 +485,10 @@ impl Writer<'_> {
 
 #[cfg(test)]
 mod tests {
+    use strat_onnx::metadata::InputRange;
+
     use super::*;
+    use crate::model::{InputDescription, OutputDescription};
 
     fn job(name: &str) -> ImageJob {
         ImageJob {
@@ -511,5 +521,30 @@ mod tests {
         let elsewhere = tempfile::tempdir().unwrap();
         let jobs = jobs(&inputs, elsewhere.path()).unwrap();
         assert_eq!(jobs[0].name, Path::new("a.png"));
+    }
+
+    #[test]
+    fn a_canonical_camera_needs_that_of_the_images() {
+        let request = |camera| Request {
+            formats: vec![Format::Npy],
+            quantity: None,
+            camera,
+            nearest_m: None,
+            network_size: false,
+        };
+        let description = Description {
+            input: InputDescription::fixed(8, 4, InputRange::Unit),
+            output: OutputDescription {
+                canonical_focal_px: Some(1000.0),
+                ..OutputDescription::plain(OutputMeaning::DepthM)
+            },
+        };
+        let error = targets(&request(None), &description).unwrap_err();
+        assert!(error.to_string().contains("--focal-px"), "{error}");
+        let camera = StereoCamera {
+            focal_px: 700.0,
+            baseline_m: 0.5,
+        };
+        assert!(targets(&request(Some(camera)), &description).is_ok());
     }
 }

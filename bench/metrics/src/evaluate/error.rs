@@ -63,12 +63,10 @@ pub enum EvaluateError {
     },
     /// A crop in pixels that does not lie within the image.
     #[error(
-        "the crop of protocol {name} ends at row {bottom} and column {right}, but the ground truth has \
-         {height} rows and {width} columns; a crop in pixels is for images of one size"
+        "the protocol's crop ends at row {bottom} and column {right}, but the ground truth has {height} \
+         rows and {width} columns; a crop in pixels is for images of one size"
     )]
     Crop {
-        /// Name of the protocol.
-        name: String,
         /// One past the last row of the crop.
         bottom: usize,
         /// One past its last column.

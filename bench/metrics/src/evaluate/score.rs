@@ -142,7 +142,6 @@ impl<'a> Scene<'a> {
         let crop = crop_box(protocol.crop, truth.width, truth.height);
         if crop.bottom > truth.height || crop.right > truth.width {
             return Err(EvaluateError::Crop {
-                name: protocol.name.clone(),
                 bottom: crop.bottom,
                 right: crop.right,
                 width: truth.width,
