@@ -168,13 +168,34 @@ def seconds_per_step(width, height, columns, batch, repeat):
     return best, parameters
 
 
+def seconds_per_forward(width, height, columns, batch, repeat):
+    torch.manual_seed(0)
+    generator = Generator(width)
+    image = torch.rand(batch, 3, height, columns)
+    best = float("inf")
+    with torch.no_grad():
+        for _ in range(repeat + 1):
+            start = time.perf_counter()
+            generator(image)
+            best = min(best, time.perf_counter() - start)
+    return best, sum(p.numel() for p in generator.parameters())
+
+
 def peak_mib():
     """Highest resident memory of this process since it began to run its program."""
     with open("/proc/self/status") as status:
         return int(re.search(r"VmHWM:\s+(\d+) kB", status.read()).group(1)) // 1024
 
 
-CASES = [("full", "1", 256, 512, 1), ("full", "1", 256, 512, 2), ("quarter", "1/4", 64, 128, 8)]
+# What is timed (a step, or the forward pass alone), name and width of the network, size, batch.
+CASES = [
+    ("one", "full", "1", 256, 512, 1),
+    ("one", "full", "1", 256, 512, 2),
+    ("one", "full", "1", 256, 512, 4),
+    ("one", "quarter", "1/4", 64, 128, 8),
+    ("forward", "full", "1", 256, 512, 1),
+    ("forward", "full", "1", 256, 512, 4),
+]
 
 
 def run(command, threads):
@@ -191,28 +212,33 @@ def main():
     parser.add_argument("speed", help="the built example `speed` of strat-train")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--only", type=int, nargs="*", help="numbers of the cases, from 0")
     parser.add_argument("--case", type=int, help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.case is not None:
         torch.set_num_threads(args.threads)
-        name, width, height, columns, batch = CASES[args.case]
+        kind, name, width, height, columns, batch = CASES[args.case]
         width = 1.0 if width == "1" else 0.25
-        best, parameters = seconds_per_step(width, height, columns, batch, args.repeat)
+        timed = {"one": seconds_per_step, "forward": seconds_per_forward}[kind]
+        best, parameters = timed(width, height, columns, batch, args.repeat)
         if name == "full":
             assert parameters == 55_480_360, f"another network: {parameters} parameters"
         print(f"torch: {1e3 * best:.0f} ms, {peak_mib()} MiB")
         return
     print(f"torch {torch.__version__}, {args.threads} threads, best of {args.repeat}")
-    print(f"{'case':<28}{'torch ms':>10}{'strat ms':>10}{'ratio':>8}{'torch MiB':>11}{'strat MiB':>11}")
-    for index, (name, width, height, columns, batch) in enumerate(CASES):
+    print(f"{'case':<36}{'torch ms':>10}{'strat ms':>10}{'ratio':>8}{'torch MiB':>11}{'strat MiB':>11}")
+    for index, (kind, name, width, height, columns, batch) in enumerate(CASES):
+        if args.only and index not in args.only:
+            continue
         theirs, their_memory = run(
             [sys.executable, __file__, args.speed, "--threads", str(args.threads),
              "--repeat", str(args.repeat), "--case", str(index)], args.threads)
         ours, our_memory = run(
-            [args.speed, "one", width, str(columns), str(height), str(batch),
+            [args.speed, kind, width, str(columns), str(height), str(batch),
              str(args.repeat + 1)], args.threads)
-        case = f"{name}, {columns}x{height}, batch {batch}"
-        print(f"{case:<28}{theirs:>10.0f}{ours:>10.0f}{ours / theirs:>8.2f}"
+        what = {"one": "step", "forward": "forward"}[kind]
+        case = f"{what}, {name}, {columns}x{height}, batch {batch}"
+        print(f"{case:<36}{theirs:>10.0f}{ours:>10.0f}{ours / theirs:>8.2f}"
               f"{their_memory:>11}{our_memory:>11}", flush=True)
 
 

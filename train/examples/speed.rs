@@ -2,14 +2,14 @@
 //!
 //! `cargo run -p strat-train --example speed [-- steps]`. Prints the best of several runs in
 //! milliseconds: forward, and forward with backward. Measure on a quiet machine.
-//! `speed one WIDTH COLUMNS ROWS BATCH STEPS` times one kind of step; `tests/peers/train_step.py`
-//! sets it beside the same step in PyTorch.
+//! `speed one WIDTH COLUMNS ROWS BATCH STEPS` times one kind of step, `speed forward ...` the generator
+//! alone; `tests/peers/train_step.py` sets them beside the same in PyTorch.
 #![allow(clippy::print_stdout, reason = "printing is what this program is for")]
 
 use std::time::Instant;
 
 use burn::module::Module;
-use burn::optim::{AdamConfig, GradientsParams};
+use burn::optim::GradientsParams;
 use burn::tensor::{Device, Distribution, Tensor};
 use strat_train::loss::sampler::sample_horizontal;
 use strat_train::loss::{
@@ -20,6 +20,7 @@ use strat_train::network::generator::GeneratorConfig;
 use strat_train::network::layers::{
     Convolution, Initializer, InstanceNorm, Ops, TensorOps, TransposedConvolution, Width, elu,
 };
+use strat_train::training::trainer::adam;
 
 const RUNS: usize = 4;
 
@@ -139,16 +140,16 @@ fn step(width: Width, [height, columns]: [usize; 2], batch: usize, steps: usize)
     }
     .init(1, &device);
     let mut critic = DiscriminatorConfig { width }.init(2, &device);
-    let mut generator_optimizer = AdamConfig::new().init();
-    let mut critic_optimizer = AdamConfig::new().init();
+    let (mut generator_optimizer, mut critic_optimizer) = (adam(), adam());
     let left = noise([batch, 3, height, columns], &device);
     let right = noise([batch, 3, height, columns], &device);
+    let reals = Tensor::cat(vec![left.clone(), right.clone()], 0);
     let patches = Patches {
         size: height,
-        rows: vec![0; batch],
-        columns: vec![0; batch],
+        rows: vec![0; 2 * batch],
+        columns: vec![0; 2 * batch],
     };
-    let factors = ColourFactors(vec![[1.0; 3]; batch]);
+    let factors = ColourFactors(vec![[1.0; 3]; 2 * batch]);
     let cut = |image: Tensor<4>| patches.cut(image, &factors);
     let mut parts = [f64::INFINITY; 5];
     for number in 0..steps as u64 {
@@ -164,23 +165,20 @@ fn step(width: Width, [height, columns]: [usize; 2], batch: usize, steps: usize)
         let (fake_right, fake_left) =
             synthesize(left.clone(), right.clone(), levels[0].clone(), 0.5);
         lap(1);
-        let judge =
-            |image: Tensor<4>, salt: u64| critic.forward_seeded(cut(image), number * 8 + salt);
+        // Both views, and real and synthesised images, in one pass, as the training does it.
+        let fakes = Tensor::cat(vec![fake_left, fake_right], 0);
+        let shown = vec![cut(reals.clone()), cut(fakes.clone().detach())];
+        let logits = critic.forward_seeded(Tensor::cat(shown, 0), 2 * number);
         let loss = discriminator_adversarial(
-            judge(right.clone(), 0),
-            judge(fake_right.clone().detach(), 1),
-        ) + discriminator_adversarial(
-            judge(left.clone(), 2),
-            judge(fake_left.clone().detach(), 3),
-        );
+            logits.clone().narrow(0, 0, 2 * batch),
+            logits.narrow(0, 2 * batch, 2 * batch),
+        ) * 2.0;
         let gradients = GradientsParams::from_grads(loss.backward(), &critic);
         critic = critic_optimizer.step(1e-4, critic, gradients);
         lap(2);
         let frozen = critic.clone().no_grad();
-        let judged = |image, salt| {
-            generator_adversarial(frozen.forward_seeded(cut(image), number * 8 + salt))
-        };
-        let loss = terms.total + (judged(fake_right, 4) + judged(fake_left, 5)) * 0.01;
+        let judged = frozen.forward_seeded(cut(fakes), 2 * number + 1);
+        let loss = terms.total + generator_adversarial(judged) * 0.02;
         let gradients = loss.backward();
         lap(3);
         let gradients = GradientsParams::from_grads(gradients, &generator);
@@ -196,6 +194,25 @@ fn step(width: Width, [height, columns]: [usize; 2], batch: usize, steps: usize)
          (forward {:.0}, losses {:.0}, discriminator {:.0}, backward {:.0}, optimizer {:.0})",
         parts[0], parts[1], parts[2], parts[3], parts[4]
     );
+}
+
+/// The generator alone, without a graph, as in validation.
+fn forward(width: Width, [height, columns]: [usize; 2], batch: usize, times: usize) {
+    let device = Device::flex();
+    let config = GeneratorConfig {
+        width,
+        ..GeneratorConfig::default()
+    };
+    let generator = config.init(1, &device);
+    let images = noise([batch, 3, height, columns], &device);
+    let time = (0..times)
+        .map(|_| {
+            let start = Instant::now();
+            let _levels = generator.forward(images.clone());
+            start.elapsed().as_secs_f64() * 1e3
+        })
+        .fold(f64::INFINITY, f64::min);
+    println!("forward width {width} {columns}x{height} batch {batch}: {time:.0} ms");
 }
 
 /// Highest resident memory of this process, where the system tells.
@@ -216,11 +233,22 @@ fn main() {
     let quarter: Width = "1/4".parse().unwrap_or_default();
     let words: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
-    if let ["one", width, columns, height, batch, steps] = words[..] {
+    if let [
+        kind @ ("one" | "forward"),
+        width,
+        columns,
+        height,
+        batch,
+        steps,
+    ] = words[..]
+    {
         let number = |text: &str| text.parse().unwrap_or(1);
         let size = [number(height), number(columns)];
         let width = width.parse().unwrap_or_default();
-        step(width, size, number(batch), number(steps));
+        match kind {
+            "one" => step(width, size, number(batch), number(steps)),
+            _ => forward(width, size, number(batch), number(steps)),
+        }
         if let Some(mib) = peak_mib() {
             println!("highest memory, {mib} MiB");
         }

@@ -5,7 +5,7 @@ use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::NoCheckpointing;
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
-use burn::tensor::Tensor;
+use burn::tensor::{Tensor, activation};
 use rayon::prelude::*;
 
 use super::cpu::{
@@ -21,11 +21,11 @@ pub(crate) enum Activation {
 }
 
 /// Slope of the leaky ReLU below zero.
-pub(crate) const LEAK: f32 = 0.2;
+pub(super) const LEAK: f32 = 0.2;
 
 impl Activation {
     #[inline(always)]
-    fn value(self, x: f32) -> f32 {
+    pub(super) fn value(self, x: f32) -> f32 {
         // Both sides are computed and added, so that the loop has no branch and NaN stays NaN.
         let (negative, positive) = if x < 0.0 { (x, 0.0) } else { (0.0, x) };
         match self {
@@ -49,8 +49,21 @@ impl Activation {
     }
 }
 
-/// Applies an activation on the CPU backend; `None` elsewhere.
-pub(crate) fn activate(activation: Activation, input: &Tensor<4>) -> Option<Tensor<4>> {
+/// Applies an activation: in one pass on the CPU backend, with burn's operations elsewhere.
+pub(crate) fn activate(activation: Activation, input: Tensor<4>) -> Tensor<4> {
+    on_cpu(activation, &input).unwrap_or_else(|| by_parts(activation, input))
+}
+
+/// The same in burn's own operations, for every backend.
+pub(crate) fn by_parts(activation: Activation, input: Tensor<4>) -> Tensor<4> {
+    match activation {
+        // The exponential never sees a positive number: burn's own function has NaN gradients there.
+        Activation::Elu => activation::relu(input.clone()) + (input.clamp_max(0.0).exp() - 1.0),
+        Activation::LeakyRelu => activation::leaky_relu(input, f64::from(LEAK)),
+    }
+}
+
+fn on_cpu(activation: Activation, input: &Tensor<4>) -> Option<Tensor<4>> {
     if input.is_autodiff() {
         let input = tracked(input)?;
         return is_f32(input.primitive())
@@ -127,31 +140,37 @@ impl Backward<Flex, 1> for ActivationGradient {
     ) {
         let [node] = ops.parents;
         let (activation, output) = ops.state;
-        let gradient = gradients.consume::<Flex>(&ops.node).to_contiguous();
+        let gradient = gradients.consume::<Flex>(&ops.node);
         let Some(node) = node else { return };
-        let mut found = vec![0.0_f32; values(&gradient).len()];
-        assert_eq!(
-            values(&output).len(),
-            found.len(),
-            "one gradient per output"
-        );
-        found
-            .par_chunks_mut(PIECE)
-            .zip(values(&gradient).par_chunks(PIECE))
-            .zip(values(&output).par_chunks(PIECE))
-            .for_each(|((found, gradient), output)| {
-                let pieces = found.iter_mut().zip(gradient).zip(output);
-                match activation {
-                    Activation::Elu => pieces.for_each(|((found, gradient), &y)| {
-                        *found = gradient * Activation::Elu.slope(y);
-                    }),
-                    Activation::LeakyRelu => pieces.for_each(|((found, gradient), &y)| {
-                        *found = gradient * Activation::LeakyRelu.slope(y);
-                    }),
-                }
-            });
-        gradients.register::<Flex>(node.id, cpu_tensor(found, &dims(&gradient)));
+        let found = activation_gradient(activation, gradient, &output);
+        gradients.register::<Flex>(node.id, found);
     }
+}
+
+/// The gradient before an activation, from that after it and the activation's contiguous output. Takes
+/// the place of `gradient` where nothing else holds that.
+pub(super) fn activation_gradient(activation: Activation, gradient: Cpu, output: &Cpu) -> Cpu {
+    let mut whole = gradient.to_contiguous();
+    // The last other hold on the numbers, where there is none elsewhere.
+    drop(gradient);
+    let outputs = values(output);
+    let gradients: &mut [f32] = whole.storage_mut();
+    assert_eq!(gradients.len(), outputs.len(), "one gradient per output");
+    gradients
+        .par_chunks_mut(PIECE)
+        .zip(outputs.par_chunks(PIECE))
+        .for_each(|(gradient, output)| {
+            let pieces = gradient.iter_mut().zip(output);
+            match activation {
+                Activation::Elu => pieces.for_each(|(gradient, &y)| {
+                    *gradient *= Activation::Elu.slope(y);
+                }),
+                Activation::LeakyRelu => pieces.for_each(|(gradient, &y)| {
+                    *gradient *= Activation::LeakyRelu.slope(y);
+                }),
+            }
+        });
+    whole
 }
 
 fn tracked_activation(activation: Activation, input: Tracked) -> Tracked {

@@ -11,12 +11,11 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::network::initial_weights::{InitialWeights, Parameter};
-use crate::network::layers::{
-    Convolution, Initializer, InstanceNorm, Width, leaky_relu, unit_interval,
-};
+use crate::network::layers::{Convolution, Initializer, InstanceNorm, Width, unit_interval};
 
 /// Everything that determines the shape of a [`Discriminator`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -112,10 +111,10 @@ impl Discriminator {
         if patches.is_autodiff() {
             self.run(patches, |map| {
                 let keep = map.random_like(burn::tensor::Distribution::Bernoulli(1.0 - DROPOUT));
-                map * keep * (1.0 / (1.0 - DROPOUT))
+                Some(keep * (1.0 / (1.0 - DROPOUT)))
             })
         } else {
-            self.run(patches, |map| map)
+            self.run(patches, |_| None)
         }
     }
 
@@ -123,19 +122,20 @@ impl Discriminator {
     pub fn forward_seeded(&self, patches: Tensor<4>, seed: u64) -> Tensor<4> {
         let mut stream = ChaCha8Rng::seed_from_u64(seed);
         self.run(patches, |map| {
-            let mask = dropout_mask(&mut stream, map.dims(), &map.device());
-            map * mask
+            Some(dropout_mask(&mut stream, map.dims(), &map.device()))
         })
     }
 
     fn run(
         &self,
         patches: Tensor<4>,
-        mut dropout: impl FnMut(Tensor<4>) -> Tensor<4>,
+        mut dropout: impl FnMut(&Tensor<4>) -> Option<Tensor<4>>,
     ) -> Tensor<4> {
         let mut x = patches;
         for stage in &self.stages {
-            x = dropout(leaky_relu(stage.norm.forward(stage.conv.forward(x))));
+            let map = stage.conv.forward(x);
+            let mask = dropout(&map);
+            x = stage.norm.forward_leaky(map, mask);
         }
         self.last.forward(x)
     }
@@ -177,16 +177,24 @@ fn dropout_mask(stream: &mut ChaCha8Rng, shape: [usize; 4], device: &Device) -> 
     // 51 of 256 byte values would be 0.1992; two bytes give 0.2 to four digits.
     const DROPPED_BELOW: u16 = (DROPOUT * 65_536.0) as u16;
     const KEPT: f32 = (1.0 / (1.0 - DROPOUT)) as f32;
-    let count: usize = shape.iter().product();
-    let mut bytes = vec![0_u8; 2 * count];
-    stream.fill_bytes(&mut bytes);
-    let values: Vec<f32> = bytes
-        .chunks_exact(2)
-        .map(|pair| {
-            let dropped = u16::from_le_bytes([pair[0], pair[1]]) < DROPPED_BELOW;
-            if dropped { 0.0 } else { KEPT }
-        })
-        .collect();
+    /// Elements that are drawn at a time; two of them use a word of the stream.
+    const PIECE: usize = 1 << 14;
+    let mut values = vec![0.0_f32; shape.iter().product()];
+    // The stream can be entered anywhere, so that threads draw what one would.
+    let begin = stream.get_word_pos();
+    let pieces = values.par_chunks_mut(PIECE).enumerate();
+    pieces.for_each(|(number, values)| {
+        let mut stream = stream.clone();
+        stream.set_word_pos(begin + (number * PIECE / 2) as u128);
+        let mut bytes = [0_u8; 2 * PIECE];
+        let bytes = &mut bytes[..2 * values.len()];
+        stream.fill_bytes(bytes);
+        for (value, pair) in values.iter_mut().zip(bytes.as_chunks().0) {
+            let dropped = u16::from_le_bytes(*pair) < DROPPED_BELOW;
+            *value = if dropped { 0.0 } else { KEPT };
+        }
+    });
+    stream.set_word_pos(begin + values.len().div_ceil(2) as u128);
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
@@ -322,6 +330,21 @@ mod tests {
         assert!(mask.iter().all(|&v| v == 0.0 || v == 1.25));
         let kept = mask.iter().filter(|&&v| v > 0.0).count() as f64 / mask.len() as f64;
         assert!((kept - 0.8).abs() < 0.01, "{kept}");
+    }
+
+    #[test]
+    fn masks_are_drawn_as_one_thread_would() {
+        let mut stream = ChaCha8Rng::seed_from_u64(3);
+        let mut single = stream.clone();
+        // Twice, because the second begins where the first ends; an odd number ends within a word.
+        for shape in [[1, 3, 101, 111], [2, 4, 100, 100]] {
+            let mask = values_of(dropout_mask(&mut stream, shape, &Device::flex()));
+            let mut bytes = vec![0_u8; 2 * mask.len()];
+            single.fill_bytes(&mut bytes);
+            for (value, pair) in mask.iter().zip(bytes.as_chunks().0) {
+                assert_eq!(*value == 0.0, u16::from_le_bytes(*pair) < 13_107);
+            }
+        }
     }
 
     #[test]

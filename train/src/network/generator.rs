@@ -283,17 +283,12 @@ impl Residual {
     }
 
     fn run<O: Ops>(&self, ops: &mut O, name: &str, input: O::Value) -> O::Value {
-        let x = ops.conv(&format!("{name}.conv1"), &self.conv1, input.clone());
-        let x = ops.elu(x);
-        let x = ops.conv(&format!("{name}.conv2"), &self.conv2, x);
-        let x = ops.elu(x);
-        let x = ops.conv(&format!("{name}.conv3"), &self.conv3, x);
-        let shortcut = match &self.shortcut {
-            Some(layer) => ops.conv(&format!("{name}.shortcut"), layer, input),
-            None => input,
-        };
-        let sum = ops.add(x, shortcut);
-        ops.elu(sum)
+        let x = ops.conv_elu(&format!("{name}.conv1"), &self.conv1, input.clone());
+        let x = ops.conv_elu(&format!("{name}.conv2"), &self.conv2, x);
+        ops.join_elu(
+            (&format!("{name}.conv3"), &self.conv3, x),
+            (&format!("{name}.shortcut"), self.shortcut.as_ref(), input),
+        )
     }
 }
 
@@ -330,13 +325,13 @@ impl DecoderStage {
     ) -> (O::Value, Option<O::Value>) {
         let name = format!("decoder.up{number}");
         let up = match &self.up {
-            Up::Transposed(layer) => ops.conv_transpose(&name, layer, input),
+            Up::Transposed(layer) => ops.conv_transpose_elu(&name, layer, input),
             Up::Nearest(layer) => {
                 let doubled = ops.upsample(input);
-                ops.conv(&name, layer, doubled)
+                ops.conv_elu(&name, layer, doubled)
             }
         };
-        let mut parts = vec![ops.elu(up)];
+        let mut parts = vec![up];
         parts.extend(skip);
         if let Some(disparity) = coarser {
             parts.push(ops.upsample(disparity));
@@ -346,8 +341,8 @@ impl DecoderStage {
         } else {
             ops.concat(parts)
         };
-        let features = ops.conv(&format!("decoder.iconv{number}"), &self.merge, merged);
-        let features = ops.elu(features);
+        let merge_name = format!("decoder.iconv{number}");
+        let features = ops.conv_elu(&merge_name, &self.merge, merged);
         let disparity = self.head.as_ref().map(|layer| {
             let raw = ops.conv(&format!("decoder.disp{number}"), layer, features.clone());
             match non_linearity {
@@ -396,8 +391,7 @@ impl Generator {
 
     /// The topology, in terms of `ops`. Level 0 first.
     pub fn run<O: Ops>(&self, ops: &mut O, image: O::Value) -> [O::Value; SCALES] {
-        let skip1 = ops.conv("encoder.conv1", &self.encoder.conv1, image);
-        let skip1 = ops.elu(skip1);
+        let skip1 = ops.conv_elu("encoder.conv1", &self.encoder.conv1, image);
         let skip2 = ops.max_pool(skip1.clone());
         let mut stage = |name: &str, blocks: &[Residual], input: O::Value| {
             let mut x = input;
@@ -411,8 +405,7 @@ impl Generator {
         let skip5 = stage(STAGES[2].0, &self.encoder.conv4, skip4.clone());
         let mut x = stage(STAGES[3].0, &self.encoder.conv5, skip5.clone());
         if let Some(layer) = &self.bottleneck {
-            x = ops.conv("bottleneck", layer, x);
-            x = ops.elu(x);
+            x = ops.conv_elu("bottleneck", layer, x);
         }
 
         let skips = [

@@ -15,7 +15,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use burn::module::{Module, Param};
-use burn::tensor::activation::{self, relu, sigmoid};
+use burn::tensor::activation::{relu, sigmoid};
 use burn::tensor::module::{interpolate, max_pool2d};
 use burn::tensor::ops::{InterpolateMode, InterpolateOptions, MaxPoolOptions, PadMode};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -23,8 +23,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 
-use crate::kernels::activation::{Activation, LEAK, activate};
-use crate::kernels::conv;
+use crate::kernels::activation::{Activation, activate};
+use crate::kernels::conv::Convolving;
+use crate::kernels::norm::normalise;
 use crate::network::initial_weights::{InitialWeights, Parameter};
 
 /// Multiplier on the number of channels of a network, as an exact fraction; `1` is full width.
@@ -333,54 +334,29 @@ impl Convolution {
 
     /// `[n, in, h, w]` to `[n, out, (h + 2p - k) / s + 1, ...]`.
     pub fn forward(&self, input: Tensor<4>) -> Tensor<4> {
-        let weight = self.weight.val();
-        let [_, _, kernel, _] = weight.dims();
-        if kernel == 1 {
-            return pointwise(input, weight, self.bias.val(), self.stride);
-        }
-        conv::conv2d(input, weight, self.bias.val(), self.stride, self.padding)
+        self.apply(input, None, None)
+    }
+
+    /// The same, with something of the result's shape added and an activation applied.
+    fn apply(
+        &self,
+        input: Tensor<4>,
+        added: Option<Tensor<4>>,
+        activation: Option<Activation>,
+    ) -> Tensor<4> {
+        let convolving = Convolving {
+            stride: self.stride,
+            padding: self.padding,
+            transposed: false,
+            activation,
+        };
+        convolving.apply(input, self.weight.val(), self.bias.val(), added)
     }
 
     /// The weights as plain numbers, OIHW.
     pub fn weights(&self) -> LayerWeights {
         layer_weights(&self.weight, &self.bias)
     }
-}
-
-/// 1x1 convolution as a matrix product, which is faster than the general convolution on a CPU and
-/// returns gradients in memory order.
-fn pointwise(input: Tensor<4>, weight: Tensor<4>, bias: Tensor<1>, stride: usize) -> Tensor<4> {
-    let input = if stride == 1 {
-        input
-    } else {
-        subsample(input, stride)
-    };
-    let [batch, channels, height, width] = input.dims();
-    let [outputs, ..] = weight.dims();
-    weight
-        .reshape([1, outputs, channels])
-        .matmul(input.reshape([batch, channels, height * width]))
-        .add(bias.reshape([1, outputs, 1]))
-        .reshape([batch, outputs, height, width])
-}
-
-/// Every `stride`-th row and column. Written without a stepped slice, whose backward pass not all
-/// backends have.
-fn subsample(input: Tensor<4>, stride: usize) -> Tensor<4> {
-    let [batch, channels, height, width] = input.dims();
-    let (rows, columns) = (height.div_ceil(stride), width.div_ceil(stride));
-    let input = if height % stride == 0 && width % stride == 0 {
-        input
-    } else {
-        input.pad(
-            [(0, rows * stride - height), (0, columns * stride - width)],
-            PadMode::Constant(0.0),
-        )
-    };
-    input
-        .reshape([batch * channels, rows, stride, columns, stride])
-        .slice([0..batch * channels, 0..rows, 0..1, 0..columns, 0..1])
-        .reshape([batch, channels, rows, columns])
 }
 
 /// Transposed convolution 4x4, stride 2, padding 1: doubles height and width exactly
@@ -412,13 +388,17 @@ impl TransposedConvolution {
 
     /// `[n, in, h, w]` to `[n, out, 2h, 2w]`.
     pub fn forward(&self, input: Tensor<4>) -> Tensor<4> {
-        conv::conv_transpose2d(
-            input,
-            self.weight.val(),
-            self.bias.val(),
-            Self::STRIDE,
-            Self::PADDING,
-        )
+        self.apply(input, None)
+    }
+
+    fn apply(&self, input: Tensor<4>, activation: Option<Activation>) -> Tensor<4> {
+        let convolving = Convolving {
+            stride: Self::STRIDE,
+            padding: Self::PADDING,
+            transposed: true,
+            activation,
+        };
+        convolving.apply(input, self.weight.val(), self.bias.val(), None)
     }
 
     /// The weights as plain numbers, IOHW.
@@ -479,6 +459,23 @@ impl InstanceNorm {
         })
     }
 
+    /// The same, then leaky ReLU, then the product with `mask` where there is one.
+    pub(crate) fn forward_leaky(&self, input: Tensor<4>, mask: Option<Tensor<4>>) -> Tensor<4> {
+        let affine = [self.scale.val(), self.shift.val()];
+        let epsilon = Self::EPSILON as f32;
+        let fused = normalise(&input, affine.each_ref(), mask.as_ref(), epsilon);
+        fused.unwrap_or_else(|| self.forward_leaky_by_parts(input, mask))
+    }
+
+    /// The same in burn's own operations, for every backend.
+    fn forward_leaky_by_parts(&self, input: Tensor<4>, mask: Option<Tensor<4>>) -> Tensor<4> {
+        let output = leaky_relu(self.forward(input));
+        match mask {
+            Some(mask) => output * mask,
+            None => output,
+        }
+    }
+
     /// `[n, c, h, w]`, shape unchanged. The variance is the biased one.
     pub fn forward(&self, input: Tensor<4>) -> Tensor<4> {
         let [batch, channels, height, width] = input.dims();
@@ -497,19 +494,12 @@ impl InstanceNorm {
 /// Not burn's own: its gradient is NaN for large positive `x`, where the exponential of the unused
 /// branch overflows.
 pub fn elu(input: Tensor<4>) -> Tensor<4> {
-    activate(Activation::Elu, &input).unwrap_or_else(|| elu_by_parts(input))
-}
-
-/// The same in burn's own operations, for every backend.
-fn elu_by_parts(input: Tensor<4>) -> Tensor<4> {
-    // The exponential never sees a positive number.
-    relu(input.clone()) + (input.clamp_max(0.0).exp() - 1.0)
+    activate(Activation::Elu, input)
 }
 
 /// `x` for positive and `0.2 x` for negative `x`.
 pub fn leaky_relu(input: Tensor<4>) -> Tensor<4> {
-    activate(Activation::LeakyRelu, &input)
-        .unwrap_or_else(|| activation::leaky_relu(input, f64::from(LEAK)))
+    activate(Activation::LeakyRelu, input)
 }
 
 /// The operations a network topology may use.
@@ -529,6 +519,35 @@ pub trait Ops {
         layer: &TransposedConvolution,
         input: Self::Value,
     ) -> Self::Value;
+    /// Convolution with bias, then ELU.
+    fn conv_elu(&mut self, name: &str, layer: &Convolution, input: Self::Value) -> Self::Value {
+        let result = self.conv(name, layer, input);
+        self.elu(result)
+    }
+    /// ELU of the sum of two branches: a convolution, and one that may be a convolution.
+    fn join_elu(
+        &mut self,
+        (name, layer, input): (&str, &Convolution, Self::Value),
+        (shortcut_name, shortcut, shortcut_input): (&str, Option<&Convolution>, Self::Value),
+    ) -> Self::Value {
+        let result = self.conv(name, layer, input);
+        let shortcut = match shortcut {
+            Some(layer) => self.conv(shortcut_name, layer, shortcut_input),
+            None => shortcut_input,
+        };
+        let sum = self.add(result, shortcut);
+        self.elu(sum)
+    }
+    /// Transposed convolution with bias, then ELU.
+    fn conv_transpose_elu(
+        &mut self,
+        name: &str,
+        layer: &TransposedConvolution,
+        input: Self::Value,
+    ) -> Self::Value {
+        let result = self.conv_transpose(name, layer, input);
+        self.elu(result)
+    }
     /// Exponential linear unit.
     fn elu(&mut self, input: Self::Value) -> Self::Value;
     /// Rectified linear unit.
@@ -565,6 +584,31 @@ impl Ops for TensorOps {
         input: Tensor<4>,
     ) -> Tensor<4> {
         layer.forward(input)
+    }
+
+    fn conv_elu(&mut self, _name: &str, layer: &Convolution, input: Tensor<4>) -> Tensor<4> {
+        layer.apply(input, None, Some(Activation::Elu))
+    }
+
+    fn join_elu(
+        &mut self,
+        (_, layer, input): (&str, &Convolution, Tensor<4>),
+        (_, shortcut, shortcut_input): (&str, Option<&Convolution>, Tensor<4>),
+    ) -> Tensor<4> {
+        let shortcut = match shortcut {
+            Some(layer) => layer.forward(shortcut_input),
+            None => shortcut_input,
+        };
+        layer.apply(input, Some(shortcut), Some(Activation::Elu))
+    }
+
+    fn conv_transpose_elu(
+        &mut self,
+        _name: &str,
+        layer: &TransposedConvolution,
+        input: Tensor<4>,
+    ) -> Tensor<4> {
+        layer.apply(input, Some(Activation::Elu))
     }
 
     fn elu(&mut self, input: Tensor<4>) -> Tensor<4> {
@@ -611,6 +655,7 @@ impl Ops for TensorOps {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kernels::activation::by_parts;
 
     #[test]
     fn widths_are_exact_fractions_rounded_up() {
@@ -679,6 +724,14 @@ mod tests {
         }
     }
 
+    fn elu_by_parts(x: Tensor<4>) -> Tensor<4> {
+        by_parts(Activation::Elu, x)
+    }
+
+    fn leaky_relu_by_parts(x: Tensor<4>) -> Tensor<4> {
+        by_parts(Activation::LeakyRelu, x)
+    }
+
     #[test]
     fn elu_has_finite_gradients_everywhere() {
         let slope = (-1.0_f32).exp();
@@ -698,7 +751,7 @@ mod tests {
         assert_all_close(&values, &expected, 3e-7);
         assert_all_close(&gradient, &expected_gradient, 3e-7);
         let (values, gradient) = evaluate(&inputs, leaky_relu);
-        let (expected, expected_gradient) = evaluate(&inputs, |x| activation::leaky_relu(x, 0.2));
+        let (expected, expected_gradient) = evaluate(&inputs, leaky_relu_by_parts);
         assert_all_close(&values, &expected, 1e-7);
         assert_all_close(&gradient, &expected_gradient, 0.0);
     }
@@ -725,6 +778,44 @@ mod tests {
                 1.0, 1.0, 2.0, 2.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 4.0, 4.0, 3.0, 3.0, 4.0, 4.0
             ]
         );
+    }
+
+    #[test]
+    fn the_fused_normalisation_equals_its_parts() {
+        let plain = Device::flex();
+        let random = |shape: [usize; 4]| {
+            let range = burn::tensor::Distribution::Uniform(-1.0, 1.0);
+            Tensor::<4>::random(shape, range, &plain)
+        };
+        for (shape, masked) in [
+            ([2, 3, 5, 7], true),
+            ([1, 2, 1, 1], true),
+            ([3, 4, 8, 8], false),
+        ] {
+            let device = plain.clone().autodiff();
+            let mut norm = InstanceNorm::new(&Initializer::new(0, &device), "norm", shape[1]);
+            let affine = |offset: f64| (random([1, 1, 1, shape[1]]) + offset).reshape([shape[1]]);
+            norm.scale = Param::from_tensor(affine(1.5).autodiff());
+            norm.shift = Param::from_tensor(affine(0.1).autodiff());
+            let (input, outer, mask) = (random(shape), random(shape), random(shape));
+            let run = |function: fn(&InstanceNorm, Tensor<4>, Option<Tensor<4>>) -> Tensor<4>| {
+                let input = input.clone().autodiff().require_grad();
+                let mask = masked.then(|| mask.clone().autodiff());
+                let output = function(&norm, input.clone(), mask);
+                let gradients = (output.clone() * outer.clone().autodiff()).sum().backward();
+                [
+                    values_of(output.inner()),
+                    values_of(input.grad(&gradients).expect("a gradient")),
+                    values_of(norm.scale.val().grad(&gradients).expect("a gradient")),
+                    values_of(norm.shift.val().grad(&gradients).expect("a gradient")),
+                ]
+            };
+            let found = run(InstanceNorm::forward_leaky);
+            let expected = run(InstanceNorm::forward_leaky_by_parts);
+            for (found, expected) in found.iter().zip(&expected) {
+                assert_all_close(found, expected, 2e-5);
+            }
+        }
     }
 
     #[test]

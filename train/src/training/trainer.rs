@@ -13,9 +13,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 
 use burn::module::Module;
-use burn::optim::{
-    AdamConfig, GradientsAccumulator, GradientsParams, ModuleOptimizer, OptimizerRecord,
-};
+use burn::optim::{GradientsAccumulator, GradientsParams, ModuleOptimizer, OptimizerRecord};
 use burn::store::{ModuleRecord, RecordError};
 use burn::tensor::{Bytes, Device};
 
@@ -26,6 +24,7 @@ use super::schedule::{Timeline, baseline_fraction, learning_rate};
 use crate::config::{Config, Sharing};
 use crate::data::loader::Batch;
 use crate::error::{Error, Result};
+use crate::kernels::adam::FusedAdam;
 use crate::network::discriminator::{Discriminator, NETWORK, RIGHT_NETWORK};
 use crate::network::generator::Generator;
 use crate::network::initial_weights::{InitialWeights, Parameter};
@@ -59,13 +58,11 @@ pub struct Trainer {
     devices: Vec<Device>,
 }
 
-fn adam() -> ModuleOptimizer {
-    // PROTOCOL 4.6: beta 0.9 and 0.999, epsilon 1e-8, no weight decay.
-    AdamConfig::new()
-        .with_beta_1(0.9)
-        .with_beta_2(0.999)
-        .with_epsilon(1e-8)
-        .init()
+/// The optimizer of every network: Adam with beta 0.9 and 0.999, epsilon 1e-8, no weight decay
+/// (PROTOCOL 4.6).
+#[must_use]
+pub fn adam() -> ModuleOptimizer {
+    FusedAdam::new(0.9, 0.999, 1e-8).into()
 }
 
 impl Trainer {
