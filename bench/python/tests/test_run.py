@@ -169,6 +169,8 @@ def test_runs_that_cannot_be(sets, eigen, tmp_path):
         (eigen, {"protocols": "eigen-80"}, ValueError, "a list of names"),
         (eigen, {"meaning": "metres"}, ValueError, "no meaning"),
         (eigen, {"scale": -1.0}, ValueError, "`scale` must be a positive number"),
+        (eigen, {"protocols": []}, ValueError, "at least one protocol is needed"),
+        (eigen, {"model": ""}, ValueError, "a model name that is not empty is needed"),
         (eigen, {"threads": 0}, ValueError, "at least one thread"),
     ]:
         with pytest.raises(kind, match=sentence):

@@ -47,6 +47,9 @@ pub enum InMemoryError {
     /// What is said about the maps contradicts itself.
     #[error("{0}")]
     Description(String),
+    /// What a run cannot do without.
+    #[error("{0} is needed")]
+    Nothing(&'static str),
     /// A protocol asks for more than maps of the images.
     #[error("{0}")]
     Mirrored(String),
@@ -134,6 +137,9 @@ fn protocols_of(
 ) -> Result<(Vec<Protocol>, Option<String>), InMemoryError> {
     description.check().map_err(InMemoryError::Description)?;
     let (protocols, warning) = plan::protocols_for(name, description.meaning_taken(), protocols);
+    if protocols.is_empty() {
+        return Err(InMemoryError::Nothing("at least one protocol"));
+    }
     let refusal = protocols
         .iter()
         .find_map(|protocol| plan::no_mirrored_images(name, protocol));
@@ -199,6 +205,9 @@ impl InMemoryRun {
         protocols: Option<&[String]>,
         description: SavedDescription,
     ) -> Result<Self, InMemoryError> {
+        if name.is_empty() {
+            return Err(InMemoryError::Nothing("a model name that is not empty"));
+        }
         let set = PreparedSet::open(data)?;
         let samples = set.samples(Role::Test)?;
         let count = plan::test_count(&set, &samples);
