@@ -19,6 +19,10 @@ mod set;
 
 use pyo3::prelude::*;
 
+/// The allocator of `prep` and `bench`, for the same reason.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 #[pymodule]
 fn _strat(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;

@@ -21,6 +21,15 @@ _NO_TRAIN = (
     "repository with `cargo install --locked --path train`, or train in Python on strat.PreparedSet\n"
 )
 
+# With the package of this process and not with a folder of its name where the command was typed.
+_AGAIN = """\
+import sys
+if sys.path[:1] == [""]:
+    del sys.path[0]
+from strat._commands import main
+sys.exit(main())
+"""
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command that the arguments name and returns its exit code."""
@@ -35,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
         case ["prep" | "bench" as command, *rest]:
             # Python only takes a note of Ctrl-C until Rust comes back; the commands end at once.
             signal.signal(signal.SIGINT, signal.SIG_DFL)
-            return _strat.run_command(command, rest)
+            return _strat.run_command([sys.executable, "-c", _AGAIN], command, rest)
         case ["train", *_]:
             sys.stderr.write(_NO_TRAIN)
             return 2

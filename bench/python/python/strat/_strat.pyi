@@ -10,7 +10,7 @@ from ._evaluate import Meaning
 
 __version__: str
 
-def run_command(command: str, arguments: Sequence[str]) -> int: ...
+def run_command(script: Sequence[str], command: str, arguments: Sequence[str]) -> int: ...
 def evaluate(
     prediction: NDArray[np.float32],
     truth: NDArray[np.float32],
