@@ -38,16 +38,16 @@ def loss(net, batch):
     disparity = F.interpolate(predict(net, batch["left"])[:, None], left.shape[2:], mode="bilinear")[:, 0]
     grid = F.affine_grid(torch.eye(2, 3).expand(len(left), 2, 3), left.shape, align_corners=False)
     warped = F.grid_sample(right, grid - torch.stack([2 * disparity, 0 * disparity], -1), align_corners=False)
-    return (warped - left).abs().mean() + sum(disparity.diff(dim=axis).abs().mean() for axis in (1, 2))
+    return (warped - left).abs().mean() + 0.3 * sum(disparity.diff(dim=axis).abs().mean() for axis in (1, 2))
 
 
-def validate(net, data, epoch):
+def validate(net, data, epoch, size):
     run = strat.Run(data, model=f"example@{epoch}", meaning="disparity_fraction")
     net.eval()
     with torch.no_grad():
         for sample in run:
             image = torch.as_tensor(sample.image).permute(2, 0, 1)[None].float()
-            image = F.interpolate(image, (256, 512), mode="area").permute(0, 2, 3, 1)
+            image = F.interpolate(image, size, mode="area").permute(0, 2, 3, 1)
             run.add(sample.id, predict(net, image)[0])
     net.train()
     return run
@@ -57,13 +57,14 @@ def main(data, epochs=5):
     torch.manual_seed(0)
     net = network()
     optimizer = torch.optim.Adam(net.parameters(), 1e-3)
-    loader = DataLoader(strat.PreparedSet(data).train, batch_size=8, shuffle=True, num_workers=2)
+    pairs = strat.PreparedSet(data).train
+    loader = DataLoader(pairs, batch_size=8, shuffle=True, num_workers=2)
     for epoch in range(epochs + 1):
         for batch in loader if epoch else []:
             optimizer.zero_grad()
             loss(net, batch).backward()
             optimizer.step()
-        run = validate(net, data, epoch)
+        run = validate(net, data, epoch, pairs[0]["left"].shape[:2])
         mean = run.summary()["eigen-80"]["abs_rel"]
         bounds = "" if mean.low is None else f" ({mean.low:.3f} to {mean.high:.3f})"
         print(f"epoch {epoch}: Abs Rel {mean.value:.3f}{bounds}, {mean.images} images", flush=True)
