@@ -26,7 +26,7 @@ pub fn run_command(
         }
     };
     script.push(command.into());
-    process::started_by(script);
+    process::is_served_by(script);
     let mut line = vec![OsString::from(format!("strat {command}"))];
     line.extend(arguments);
     Ok(py.detach(|| main(line)))

@@ -11,14 +11,16 @@
 
 pub mod frame;
 
+#[cfg(unix)]
+use std::os::unix::process::CommandExt as _;
 use std::{
     ffi::OsString,
     io,
-    path::{Path, PathBuf},
+    path::Path,
     process::{Child, ChildStdin, ChildStdout, Command, Stdio},
     sync::{
-        Arc, Condvar, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, AtomicU64, Ordering},
+        Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError,
+        atomic::{AtomicU64, Ordering},
     },
     thread::JoinHandle,
     time::{Duration, Instant},
@@ -39,20 +41,26 @@ const LOADING: f64 = 10.0;
 /// How often memory and time are looked at.
 const TICK: Duration = Duration::from_millis(50);
 
-/// Whether this program serves [`COMMAND`].
-static SERVED: AtomicBool = AtomicBool::new(false);
+/// How a program that serves [`COMMAND`] is started; no words where its file alone does it.
+static SERVED: OnceLock<Vec<OsString>> = OnceLock::new();
 
 /// To be said by a program that passes [`COMMAND`] on to [`super::serve`]. Others, such as tests that call
 /// the command line as a function, would start themselves for each model and have no end; there, models
 /// run within the process.
 pub fn is_served_here() {
-    SERVED.store(true, Ordering::Relaxed);
+    is_served_by(Vec::new());
+}
+
+/// The same for a program that `bench` is a part of, such as Python: its file, and what stands before
+/// the subcommand. What is said first counts.
+pub fn is_served_by(words: Vec<OsString>) {
+    let _ = SERVED.set(words);
 }
 
 /// `limits`, where this program can hold models to them.
 #[must_use]
 pub fn possible(limits: Limits) -> Option<Limits> {
-    SERVED.load(Ordering::Relaxed).then_some(limits)
+    SERVED.get().map(|_| limits)
 }
 
 /// What a model may take.
@@ -177,7 +185,7 @@ impl Worker {
         let no_process = |error: io::Error| RuntimeError::NoProcess {
             reason: error.to_string(),
         };
-        let mut command = Command::new(own_program().map_err(no_process)?);
+        let mut command = own_program().map_err(no_process)?;
         command
             .args([COMMAND, choice.word(), &device.to_string()])
             .arg(threads.to_string())
@@ -190,10 +198,7 @@ impl Worker {
             command.stderr(Stdio::null());
         }
         #[cfg(unix)]
-        {
-            use std::os::unix::process::CommandExt as _;
-            command.arg0("bench").process_group(0);
-        }
+        command.process_group(0);
         let mut child = command.spawn().map_err(no_process)?;
         let (requests, answers) = (child.stdin.take(), child.stdout.take());
         let missing = || no_process(io::ErrorKind::BrokenPipe.into());
@@ -383,10 +388,18 @@ fn over_memory(system: &mut System, child: &Child, limits: Limits) -> Option<Str
 }
 
 /// This program, even when its file was replaced meanwhile.
-fn own_program() -> io::Result<PathBuf> {
-    let link = Path::new("/proc/self/exe");
-    match link.exists() {
-        true => Ok(link.to_owned()),
-        false => std::env::current_exe(),
+fn own_program() -> io::Result<Command> {
+    if let Some((program, arguments)) = SERVED.get().and_then(|words| words.split_first()) {
+        let mut command = Command::new(program);
+        command.args(arguments);
+        return Ok(command);
     }
+    let link = Path::new("/proc/self/exe");
+    let mut command = Command::new(match link.exists() {
+        true => link.to_owned(),
+        false => std::env::current_exe()?,
+    });
+    #[cfg(unix)]
+    command.arg0("bench");
+    Ok(command)
 }
