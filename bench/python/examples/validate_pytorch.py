@@ -18,7 +18,7 @@ import strat
 
 
 def network():
-    """Disparity between 0 and 0.3 of the width, at half the input's size."""
+    """Disparity between 0 and 0.1 of the width, at half the input's size."""
     layers, channels = [], [3, 16, 32, 64, 64]
     for before, after in zip(channels, channels[1:]):
         layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), nn.BatchNorm2d(after), nn.ELU()]
@@ -30,7 +30,7 @@ def network():
 
 def predict(net, images):
     """Disparity fractions, (N, rows, columns), of uint8 images (N, rows, columns, RGB)."""
-    return 0.3 * net(images.permute(0, 3, 1, 2).float() / 255 - 0.5)[:, 0]
+    return 0.1 * net(images.permute(0, 3, 1, 2).float() / 255 - 0.5)[:, 0]
 
 
 def loss(net, batch):
@@ -38,7 +38,7 @@ def loss(net, batch):
     disparity = F.interpolate(predict(net, batch["left"])[:, None], left.shape[2:], mode="bilinear")[:, 0]
     grid = F.affine_grid(torch.eye(2, 3).expand(len(left), 2, 3), left.shape, align_corners=False)
     warped = F.grid_sample(right, grid - torch.stack([2 * disparity, 0 * disparity], -1), align_corners=False)
-    return (warped - left).abs().mean() + 0.3 * sum(disparity.diff(dim=axis).abs().mean() for axis in (1, 2))
+    return (warped - left).abs().mean() + 0.1 * sum(disparity.diff(dim=axis).abs().mean() for axis in (1, 2))
 
 
 def validate(net, data, epoch, size):
@@ -56,7 +56,7 @@ def validate(net, data, epoch, size):
 def main(data, epochs=5):
     torch.manual_seed(0)
     net = network()
-    optimizer = torch.optim.Adam(net.parameters(), 1e-3)
+    optimizer = torch.optim.Adam(net.parameters(), 3e-4)
     pairs = strat.PreparedSet(data).train
     loader = DataLoader(pairs, batch_size=8, shuffle=True, num_workers=2)
     for epoch in range(epochs + 1):
