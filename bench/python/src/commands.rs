@@ -25,6 +25,7 @@ pub fn run_command(
             )));
         }
     };
+    strat_store::signals::tell_size_limits();
     script.push(command.into());
     process::is_served_by(script);
     let mut line = vec![OsString::from(format!("strat {command}"))];

@@ -28,7 +28,11 @@ fn is_of_file(error: &(dyn Error + 'static)) -> bool {
         || error.is::<std::io::Error>()
         || matches!(
             error.downcast_ref(),
-            Some(InMemoryError::Store(_) | InMemoryError::Score(SampleError::Store(_)))
+            Some(
+                InMemoryError::Store(_)
+                    | InMemoryError::Write(WriteError::Store(_))
+                    | InMemoryError::Score(SampleError::Store(_))
+            )
         )
         || matches!(error.downcast_ref(), Some(SampleError::Store(_)))
         || matches!(error.downcast_ref(), Some(CompareError::Store(_)))

@@ -8,7 +8,7 @@ use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use strat_bench::evaluate::SampleError;
-use strat_bench::evaluate::in_memory::{InMemoryRun, check_complete};
+use strat_bench::evaluate::in_memory::InMemoryRun;
 use strat_bench::evaluate::write;
 use strat_metrics::tables::{Coverage, Source};
 use strat_metrics::{Metric, leaderboard};
@@ -145,17 +145,15 @@ impl Run {
     }
 
     /// Writes the files of a run and returns reasons to doubt its numbers.
-    fn write(&self, py: Python<'_>, out: PathBuf, incomplete: bool) -> PyResult<Vec<String>> {
-        py.detach(|| {
-            let outcome = self.run.outcome();
-            if !incomplete {
-                check_complete(&outcome).map_err(raised)?;
-            }
-            strat_store::files::check_writable(&out).map_err(raised)?;
-            outcome.write(&out).map_err(raised)?;
-            write::derived(&outcome, &out, self.run.tables()).map_err(raised)?;
-            Ok(outcome.record.warnings)
-        })
+    fn write(
+        &self,
+        py: Python<'_>,
+        out: PathBuf,
+        incomplete: bool,
+        force: bool,
+    ) -> PyResult<Vec<String>> {
+        let outcome = py.detach(|| self.run.write(&out, incomplete, force));
+        Ok(outcome.map_err(raised)?.record.warnings)
     }
 }
 

@@ -161,6 +161,23 @@ def test_a_map_that_is_refused_leaves_the_run_as_it_was(eigen):
         run.add(name, good)
 
 
+def test_results_of_another_run_are_left_alone(eigen, tmp_path):
+    run = strat.Run(eigen, **WORDS)
+    for sample in run:
+        run.add(sample.id, disparity(sample.image, seed=1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        measured(eigen).write(tmp_path)
+        rows = (tmp_path / "rows.csv").read_bytes()
+        # The same once more is no other run.
+        measured(eigen).write(tmp_path)
+        with pytest.raises(OSError, match="results of another file under the name mine@7"):
+            run.write(tmp_path)
+        assert (tmp_path / "rows.csv").read_bytes() == rows
+        run.write(tmp_path, force=True)
+    assert (tmp_path / "rows.csv").read_bytes() != rows
+
+
 def test_runs_that_cannot_be(sets, eigen, tmp_path):
     for data, words, kind, sentence in [
         (tmp_path / "none", {}, OSError, "there is no such folder"),

@@ -5,7 +5,7 @@
 //! same scores, the same rows. A run's maps are identified as a folder of them would be that NumPy
 //! has saved as arrays of `<f4`, so the rows of both are the same to the last byte.
 //!
-//! Not here: where maps come from, and the files of results ([`super::write`](mod@super::write)).
+//! Not here: where maps come from, and what is in the files of results ([`super::write`](mod@super::write)).
 
 use std::{
     collections::HashMap,
@@ -28,11 +28,13 @@ use super::{
     agreement::Agreement,
     findings::{Remark, images_in, remarks},
     identity::Identity,
+    ownership::{self, MARK, Planned},
     plan::{self, Plan, PlanError, TableChoice},
     predictions::{MapFault, SavedDescription},
     record::{DataRecord, Failure, ModelRecord, Outcome, ProtocolRecord, RunRecord, TOOL_VERSION},
     sample::{self, SampleError, Scene},
     score::{self, Predicted, Prediction, Scored},
+    write::{self, WriteError},
 };
 
 /// Why maps that were handed over make no row.
@@ -67,6 +69,9 @@ pub enum InMemoryError {
     /// The map cannot be scored, whatever the protocol.
     #[error(transparent)]
     Map(#[from] MapFault),
+    /// Results could not be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
     /// It cannot be scored under a protocol.
     #[error(transparent)]
     Score(#[from] SampleError),
@@ -414,6 +419,38 @@ impl InMemoryRun {
         }
     }
 
+    /// Writes the files of a run and returns what it found. A folder with results of something else is
+    /// left alone, unless `force` says otherwise; so is every folder if images are missing and the
+    /// results need not be `incomplete`.
+    ///
+    /// # Errors
+    /// Images are missing, results would be lost, or a file cannot be written.
+    pub fn write(
+        &self,
+        out: &Path,
+        incomplete: bool,
+        force: bool,
+    ) -> Result<Outcome, InMemoryError> {
+        let outcome = self.outcome();
+        if !incomplete {
+            check_complete(&outcome)?;
+        }
+        let planned = Planned {
+            models: &[],
+            named: vec![&self.name],
+        };
+        let digest = &self.set.manifest.data_digest;
+        let earlier = ownership::examine(out, &[&self.data], digest, &planned, force)?;
+        if let Some(what) = earlier.and_then(|earlier| ownership::loses(&earlier, &outcome.record))
+        {
+            return Err(ownership::refuse(out, &what).into());
+        }
+        MARK.begin(out)?;
+        outcome.write(out)?;
+        write::derived(&outcome, out, &self.tables)?;
+        Ok(outcome)
+    }
+
     fn measured(&self) -> MutexGuard<'_, Vec<Option<Measured>>> {
         self.measured.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -423,7 +460,7 @@ impl InMemoryRun {
 ///
 /// # Errors
 /// It has not; the first one is named.
-pub fn check_complete(outcome: &Outcome) -> Result<(), InMemoryError> {
+fn check_complete(outcome: &Outcome) -> Result<(), InMemoryError> {
     let mut images: Vec<&str> = Vec::new();
     for failure in &outcome.failures {
         if images.last() != Some(&failure.image.as_str()) {

@@ -147,15 +147,16 @@ class Run:
             means[name] = Mean(value, low, high, images)
         return found
 
-    def write(self, out: str | os.PathLike[str], *, incomplete: bool = False) -> None:
+    def write(self, out: str | os.PathLike[str], *, incomplete: bool = False, force: bool = False) -> None:
         """Writes ``rows.csv``, ``leaderboard.csv``, the tables, ``run.yaml`` and, with failures, ``failures.csv``.
 
         Reasons to doubt the numbers are also issued as warnings.
 
-        :param out: a folder, made if it is not there.
+        :param out: a folder, made if it is not there. Results of another run in it are left alone.
         :param incomplete: write although images are missing; every table then says so.
+        :param force: replace results of another run (``--force`` of the command).
         :raises ValueError: images lack rows.
-        :raises OSError: the folder cannot be written to.
+        :raises OSError: the folder cannot be written to, or has results of another run.
         """
-        for text in self._run.write(os.fspath(out), incomplete):
+        for text in self._run.write(os.fspath(out), incomplete, force):
             warnings.warn(text, stacklevel=2)
