@@ -90,7 +90,7 @@ def test_a_model_runs_in_a_process_that_python_starts(eigen, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "grey" in done.stdout
     rows = strat.read_rows(tmp_path / "out" / "rows.csv").records()
-    assert {row["provider"] for row in rows} == {"cpu"}
+    assert {row["provider"] for row in rows} == {"rten CPU"}
 
 
 INTERRUPTED = """
