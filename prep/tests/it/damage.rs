@@ -75,6 +75,25 @@ fn broken_inputs_are_named_and_the_rest_is_kept() {
     assert_same_tree(&world.path("whole"), &world.path("out"));
 }
 
+/// Holes take no room on the disk, so this is a scan of 20 GB.
+#[test]
+fn a_scan_that_cannot_be_one_is_refused_unread() {
+    let world = World::new();
+    let scan = world.path(&format!(
+        "raw/{DRIVE_2}/velodyne_points/data/0000000003.bin"
+    ));
+    let file = std::fs::File::create(&scan).unwrap();
+    if file.set_len(20_000_000_000).is_err() {
+        eprintln!("could not run: no file of 20 GB here");
+        return;
+    }
+    let outcome = world.eigen("out", &["--allow-missing"]);
+    assert_eq!(outcome.code, 1);
+    let sentence = "0000000003.bin has 20.0 GB, but a Velodyne scan has at most 64.0 MB";
+    assert_has(&outcome.stderr, &[sentence]);
+    assert_eq!(world.open("out").manifest.failures, 1);
+}
+
 #[test]
 fn a_validation_pair_outlives_its_broken_scan() {
     let world = World::new();
