@@ -9,7 +9,7 @@ use std::{
 };
 
 use serde::Serialize;
-use strat_metrics::{Protocol, Row, RowContext, Suffix};
+use strat_metrics::{Alignment, Protocol, Row, RowContext, Suffix};
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::{
     files, image_files,
@@ -205,7 +205,7 @@ pub fn choose(
 /// Images by their Abs Rel under a protocol, in the mean over the models, best first. Models of
 /// unknown scale are scored by medians under it.
 fn ranked<'a>(rows: &'a [Row], protocol: &Protocol) -> Vec<&'a str> {
-    let scaled = protocol.clone().with(Suffix::Median);
+    let scaled = protocol.clone().with(Suffix::Align(Alignment::Median));
     let digests = [protocol.digest(), scaled.digest()];
     let mut sums: HashMap<&str, (f64, f64)> = HashMap::new();
     for row in rows {
@@ -314,8 +314,8 @@ impl Figures<'_> {
         meaning: OutputMeaning,
     ) -> HashMap<String, Shown<Comparison>> {
         let mut protocol = self.protocol.clone();
-        if !meaning.has_scale() {
-            protocol = protocol.with(Suffix::Median);
+        if !meaning.has_scale() && protocol.alignment == Alignment::None {
+            protocol = protocol.with(Suffix::Align(Alignment::Median));
         }
         let context = RowContext {
             model: name.to_owned(),
@@ -329,6 +329,8 @@ impl Figures<'_> {
             samples: self.chosen,
             protocols: &[(protocol, context)],
             pictures: &pictures,
+            further: false,
+            whole: false,
         };
         let images = self.chosen.len() as u64;
         let progress = Progress::new(name, images, "images", self.quiet);

@@ -3,7 +3,7 @@
 //! [`cli`] is the `bench` command. [`runtime`] finds, installs and opens ONNX Runtime and runs a
 //! graph, [`model`] says what its tensors mean, [`evaluate`] takes a prepared set through models
 //! and metrics and writes what comes out; [`rows`] works on rows alone. [`quantity`] turns
-//! predictions into depth and files, [`draw`] makes pictures, [`latency`] times models, [`cues`]
+//! predictions into depth and files, [`view`] is what of an image a model is shown, [`draw`] makes pictures, [`latency`] times models, [`cues`]
 //! asks which depth cues they use, [`report`] makes one page of all results. [`protocol_file`]
 //! reads rules of the user's own.
 //!
@@ -26,3 +26,4 @@ pub mod quantity;
 pub mod report;
 pub mod rows;
 pub mod runtime;
+pub mod view;

@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use strat_metrics::{
-    Camera, Crop, D1Rule, GroundTruthKind, Grouping, InfiniteDepth, LogBase, PostProcessing,
-    Protocol, Resize, protocol,
+    Alignment, BenchmarkCrop, Camera, Crop, D1Rule, GroundTruthKind, Grouping, InfiniteDepth,
+    LogBase, PostProcessing, Protocol, Resize, protocol,
 };
 use strat_store::yaml;
 
@@ -68,12 +68,14 @@ struct Text {
     strict_comparisons: Option<bool>,
     disparity_floor_fraction: Option<f64>,
     infinite_depth: Option<InfiniteDepth>,
-    median_scaling: Option<bool>,
+    #[serde(alias = "median_scaling")]
+    alignment: Option<Alignment>,
     post_processing: Option<PostProcessing>,
     d1_rule: Option<D1>,
     grouping: Option<Grouping>,
     resize: Option<Resize>,
     log_base: Option<LogBase>,
+    benchmark_crop: Option<BenchmarkCrop>,
 }
 
 /// The protocol of that name, or of that file where the name ends in `.yaml` or `.yml`.
@@ -137,7 +139,9 @@ pub fn load(path: &Path) -> Result<Protocol, ProtocolError> {
         strict_comparisons: field!(strict_comparisons),
         disparity_floor_fraction: field!(disparity_floor_fraction),
         infinite_depth: field!(infinite_depth),
-        median_scaling: field!(median_scaling),
+        alignment: (text.alignment)
+            .or(base.as_ref().map(|base| base.alignment))
+            .unwrap_or_default(),
         post_processing: field!(post_processing),
         d1_rule: match text.d1_rule {
             Some(D1::None) => None,
@@ -151,6 +155,9 @@ pub fn load(path: &Path) -> Result<Protocol, ProtocolError> {
             .unwrap_or_default(),
         log_base: (text.log_base)
             .or(base.as_ref().map(|base| base.log_base))
+            .unwrap_or_default(),
+        benchmark_crop: (text.benchmark_crop)
+            .or(base.as_ref().map(|base| base.benchmark_crop))
             .unwrap_or_default(),
         name: text.name,
     };

@@ -17,6 +17,7 @@ import sys
 
 import numpy as np
 
+import alignment
 import evaluation
 import geometry
 import inference
@@ -55,6 +56,31 @@ def truth():
     with np.errstate(divide="ignore"):
         depth = np.where(disparity > 0, np.float32(384.38148) / disparity + np.float32(0.27), 0)
     return disparity, depth
+
+
+def relative_maps():
+    """Inverse depth and depth of the truth in no unit, each with a wobble; some inverse depth is 0."""
+    y, x = np.mgrid[0:375, 0:1242].astype(float)
+    smooth = 384.38148 / (5 + 76 * np.maximum(y - 120, 0) / 255)
+    wobble = 1 + 0.06 * np.sin(x / 29) * np.cos(y / 19)
+    inverse = (250 * wobble / smooth + 9).astype(np.float32)
+    inverse[210:214, 400:410] = 0
+    return inverse, (0.02 * smooth * wobble + 0.3).astype(np.float32)
+
+
+@recipe("align/image")
+def _():
+    """Seven metrics, five further ones, scale and shift of each case."""
+    inverse, depth = relative_maps()
+    _, true = truth()
+    cases = [
+        ("affine-disparity", inverse, "eigen", 1e-5, 80, True),
+        ("affine-depth", depth, "eigen", 1e-5, 80, True),
+        ("scale-disparity", inverse, "garg", 1e-3, 80, False),
+        ("scale-depth", depth, "garg", 1e-3, 50, False),
+        ("median", depth, None, 1e-3, 80, False),
+    ]
+    return [alignment.evaluate(kind, true, made, *rules) for kind, made, *rules in cases]
 
 
 @recipe("metrics/eigen")

@@ -1,7 +1,7 @@
 //! CSV with a fixed set of named columns: what `rows.csv` and leaderboard files share.
 //!
 //! Columns are found by name, so their order is free; a missing, doubled or unknown column is
-//! an error, and every complaint about a value names its line and column.
+//! an error (a few may be left out, where no line has anything in them), and every complaint about a value names its line and column.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -75,10 +75,12 @@ pub enum CsvError {
     },
 }
 
-/// Reads all records of a text whose header is a permutation of `names`.
+/// Reads all records of a text whose header is a permutation of `names`, of which the `optional` ones
+/// may be missing: their cells are empty.
 pub(crate) fn read<T>(
     reader: impl Read,
     names: &[&'static str],
+    optional: &[&'static str],
     parse: impl Fn(&Fields<'_>) -> Result<T, CsvError>,
 ) -> Result<Vec<T>, CsvError> {
     let mut csv = strat_csv::Reader::new(reader);
@@ -97,7 +99,8 @@ pub(crate) fn read<T>(
             }
         }
     }
-    if let Some(column) = names.iter().find(|name| !indices.contains_key(*name)) {
+    let is_missing = |name: &&&str| !indices.contains_key(**name) && !optional.contains(*name);
+    if let Some(column) = names.iter().find(is_missing) {
         return Err(CsvError::MissingColumn {
             column,
             expected: expected(),
@@ -187,6 +190,42 @@ impl Fields<'_> {
             Some(value) if !(value.is_finite() && value >= 0.0) => Err(self.error(column, MEASURE)),
             value => Ok(value),
         }
+    }
+
+    /// Numbers that stand together or not at all, from 0 up.
+    pub(crate) fn measures<const N: usize>(
+        &self,
+        columns: [&'static str; N],
+    ) -> Result<Option<[f64; N]>, CsvError> {
+        self.together(columns, |column| self.measure(column))
+    }
+
+    /// Finite numbers that stand together or not at all.
+    pub(crate) fn numbers<const N: usize>(
+        &self,
+        columns: [&'static str; N],
+    ) -> Result<Option<[f64; N]>, CsvError> {
+        self.together(columns, |column| {
+            match self.value::<f64>(column, "a finite number")? {
+                value if value.is_finite() => Ok(value),
+                _ => Err(self.error(column, "a finite number")),
+            }
+        })
+    }
+
+    fn together<const N: usize>(
+        &self,
+        columns: [&'static str; N],
+        value: impl Fn(&'static str) -> Result<f64, CsvError>,
+    ) -> Result<Option<[f64; N]>, CsvError> {
+        if columns.iter().all(|column| self.raw(column).is_empty()) {
+            return Ok(None);
+        }
+        let mut values = [0.0; N];
+        for (found, column) in values.iter_mut().zip(columns) {
+            *found = value(column)?;
+        }
+        Ok(Some(values))
     }
 }
 

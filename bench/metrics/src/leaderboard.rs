@@ -11,8 +11,9 @@
 //! [`SCHEMA`] on each line; it is raised when a column changes its meaning, and other values are
 //! refused. `origin` is `measured` or `published`; measured lines have `protocol_digest` and
 //! `data_digest`, published ones a `citation`. Each metric is an unweighted mean over images with
-//! the bounds of its 95 % interval (`_low`, `_high`), `intervals` says how those were made. An
-//! empty cell is a figure that nobody has. Numbers are in their shortest exact form, and
+//! the bounds of its 95 % interval (`_low`, `_high`), `intervals` says how those were made. The
+//! columns of the further metrics (`silog` to `sq_rel_2_high`) stand in a file only where a line has
+//! them. An empty cell is a figure that nobody has. Numbers are in their shortest exact form, and
 //! lines are sorted, so the same lines make the same file.
 
 use std::collections::BTreeMap;
@@ -20,21 +21,20 @@ use std::fmt;
 use std::io::{Read, Write};
 use std::str::FromStr;
 
-use strat_splits::{eigen_test, has_annotated_depth};
-
 use crate::columns::{self, CsvError, cell};
 use crate::metrics::{Metric, Metrics};
-use crate::protocol::{GroundTruthKind, Group, canonical};
+use crate::protocol::{Group, canonical};
 use crate::published;
 use crate::rows::{Row, RowsError, by_model};
 use crate::statistics::{Interval, summarise};
+use crate::tables::{Coverage, Source};
 use crate::thesis::ThesisTable;
 
 /// Version of the columns' meaning, written on each line.
 pub const SCHEMA: u32 = 1;
 
 /// Column names in the order in which they are written.
-pub const COLUMNS: [&str; 45] = [
+pub const COLUMNS: [&str; 60] = [
     "schema",
     "method",
     "origin",
@@ -70,6 +70,21 @@ pub const COLUMNS: [&str; 45] = [
     "d1_all",
     "d1_all_low",
     "d1_all_high",
+    "silog",
+    "silog_low",
+    "silog_high",
+    "log10",
+    "log10_low",
+    "log10_high",
+    "irmse",
+    "irmse_low",
+    "irmse_high",
+    "mae",
+    "mae_low",
+    "mae_high",
+    "sq_rel_2",
+    "sq_rel_2_low",
+    "sq_rel_2_high",
     "intervals",
     "images",
     "expected_images",
@@ -82,9 +97,17 @@ pub const COLUMNS: [&str; 45] = [
     "tool_version",
 ];
 
-/// Index of `abs_rel` in [`COLUMNS`]; each of the nine figures from there on is followed by the
+/// Index of `abs_rel` in [`COLUMNS`]; each of the fourteen figures from there on is followed by the
 /// bounds of its interval.
 const FIRST_FIGURE: usize = 8;
+
+/// The figures: the seven metrics, pooled error, D1-all and the five further metrics.
+const FIGURES: usize = 14;
+
+/// Columns of the further metrics, which stand in a file only where a line has them.
+fn further_columns() -> &'static [&'static str] {
+    &COLUMNS[FIRST_FIGURE + 3 * 9..FIRST_FIGURE + 3 * FIGURES]
+}
 
 /// How intervals are made, as the lines say it.
 const METHOD: &str = "95 % t interval, delete-one jackknife";
@@ -143,6 +166,10 @@ pub struct Entry {
     pub metrics: [Option<f64>; 7],
     /// 95 % intervals of the means.
     pub intervals: [Option<Interval>; 7],
+    /// Means of the further metrics in the order of [`FurtherMetric::ALL`], where they were measured.
+    pub further: [Option<f64>; 5],
+    /// 95 % intervals of those means.
+    pub further_intervals: [Option<Interval>; 5],
     /// Root of the squared error pooled over all pixels, metres.
     pub rmse_pooled: Option<f64>,
     /// 95 % interval of `rmse_pooled`.
@@ -180,14 +207,11 @@ pub struct Entry {
 /// # Errors
 /// Rows that do not belong together.
 pub fn measured(rows: &[Row], protocol: &str, test_images: u64) -> Result<Vec<Entry>, RowsError> {
-    let truth = crate::protocol(protocol).map(|protocol| protocol.ground_truth);
-    let eigen = eigen_test();
-    let expected_images = match truth {
-        Some(GroundTruthKind::Annotated) if test_images == eigen.len() as u64 => {
-            eigen.iter().filter(|f| has_annotated_depth(**f)).count() as u64
-        }
-        _ => test_images,
+    let whole = Coverage {
+        expected_images: test_images,
+        source: Source::Unknown,
     };
+    let expected_images = whole.under(protocol);
     let mut entries = Vec::new();
     for model in by_model(rows, protocol)? {
         let context = model.context();
@@ -209,6 +233,12 @@ pub fn measured(rows: &[Row], protocol: &str, test_images: u64) -> Result<Vec<En
                     Some(intervals) => intervals.map(Some),
                     None => [None; 7],
                 },
+                further: summary
+                    .further
+                    .map_or([None; 5], |further| further.to_array().map(Some)),
+                further_intervals: summary
+                    .further_intervals
+                    .map_or([None; 5], |intervals| intervals.map(Some)),
                 rmse_pooled: Some(summary.pooled_rmse),
                 rmse_pooled_interval: summary.pooled_rmse_interval,
                 d1_all: summary.d1_all,
@@ -231,7 +261,7 @@ pub fn measured(rows: &[Row], protocol: &str, test_images: u64) -> Result<Vec<En
     Ok(entries)
 }
 
-/// Lines of all figures in the thesis' tables 3.1, 3.2 and 3.3.
+/// Lines of all figures in the thesis' tables 3.1, 3.2 and 3.3, and of newer models.
 pub fn published() -> Vec<Entry> {
     let bare = |method: &str, protocol: &str, citation: String| Entry {
         method: method.to_owned(),
@@ -243,6 +273,8 @@ pub fn published() -> Vec<Entry> {
         group: None,
         metrics: [None; 7],
         intervals: [None; 7],
+        further: [None; 5],
+        further_intervals: [None; 5],
         rmse_pooled: None,
         rmse_pooled_interval: None,
         d1_all: None,
@@ -262,7 +294,8 @@ pub fn published() -> Vec<Entry> {
         .into_iter()
         .flat_map(published::rows)
         .map(|row| Entry {
-            metrics: row.metrics.to_array().map(Some),
+            metrics: row.metrics,
+            further: row.further,
             ..bare(&row.method, &row.protocol, row.citation())
         });
     let groups = published::groups().iter().map(|cell| {
@@ -304,10 +337,30 @@ impl Entry {
         method.is_some_and(|method| method.starts_with(OLD_METHOD))
     }
 
+    /// Whether it says the same as a line of today about the same measurement, less the further metrics
+    /// or with intervals of another kind.
+    fn gives_way_to(&self, other: &Self) -> bool {
+        let fewer = self.further == [None; 5] && other.further != [None; 5];
+        let plain = |entry: &Self| {
+            let mut entry = entry.clone();
+            if fewer {
+                (entry.further, entry.further_intervals) = ([None; 5], [None; 5]);
+            }
+            entry
+        };
+        let (mine, theirs) = (plain(self), plain(other));
+        if self.is_old() && !other.is_old() {
+            mine.without_intervals() == theirs.without_intervals()
+        } else {
+            fewer && mine == theirs
+        }
+    }
+
     /// The same figures without what earlier versions computed otherwise.
     fn without_intervals(&self) -> Self {
         Self {
             intervals: [None; 7],
+            further_intervals: [None; 5],
             rmse_pooled_interval: None,
             d1_all_interval: None,
             interval_method: None,
@@ -337,6 +390,7 @@ impl Entry {
             (&self.rmse_pooled, &self.rmse_pooled_interval),
             (&self.d1_all, &self.d1_all_interval),
         ]);
+        let figures = figures.chain(self.further.iter().zip(&self.further_intervals));
         for (figure, interval) in figures {
             cells.extend([
                 cell(*figure),
@@ -380,10 +434,14 @@ impl Entry {
 /// # Errors
 /// If the writer fails.
 pub fn write(entries: &[Entry], writer: impl Write) -> Result<(), CsvError> {
+    let has_further = entries.iter().any(|entry| entry.further != [None; 5]);
+    let is_kept = |column: &&str| has_further || !further_columns().contains(column);
     let mut csv = strat_csv::Writer::new(writer);
-    csv.write_record(COLUMNS)?;
+    csv.write_record(COLUMNS.iter().filter(|column| is_kept(column)))?;
     for entry in entries {
-        csv.write_record(entry.cells())?;
+        let cells = entry.cells().into_iter().zip(&COLUMNS);
+        let cells = cells.filter(|(_, column)| is_kept(column));
+        csv.write_record(cells.map(|(cell, _)| cell))?;
     }
     csv.flush()?;
     Ok(())
@@ -395,7 +453,7 @@ pub fn write(entries: &[Entry], writer: impl Write) -> Result<(), CsvError> {
 /// Anything else than such a text, with line and column; a measured line without digests, or a
 /// published one without citation.
 pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
-    columns::read(reader, &COLUMNS, |fields| {
+    columns::read(reader, &COLUMNS, further_columns(), |fields| {
         let filled = |column| {
             let text = fields.text(column);
             (!text.is_empty()).then_some(text)
@@ -415,9 +473,9 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
                 fields.required("citation")?;
             }
         }
-        let mut figures = [None; 9];
-        let mut intervals = [None; 9];
-        for index in 0..9 {
+        let mut figures = [None; FIGURES];
+        let mut intervals = [None; FIGURES];
+        for index in 0..FIGURES {
             let [value, low, high] = [0, 1, 2].map(|i| COLUMNS[FIRST_FIGURE + 3 * index + i]);
             figures[index] = fields.optional_measure(value)?;
             intervals[index] = match (
@@ -432,9 +490,20 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
                 }
             };
         }
-        let [a, b, c, d, e, f, g, rmse_pooled, d1_all] = figures;
+        let [a, b, c, d, e, f, g, rmse_pooled, d1_all, further @ ..] = figures;
         let metrics = [a, b, c, d, e, f, g];
-        let [a, b, c, d, e, f, g, rmse_pooled_interval, d1_all_interval] = intervals;
+        let [
+            a,
+            b,
+            c,
+            d,
+            e,
+            f,
+            g,
+            rmse_pooled_interval,
+            d1_all_interval,
+            further_intervals @ ..,
+        ] = intervals;
         let intervals = [a, b, c, d, e, f, g];
         let (protocol, digest) = (fields.required("protocol")?, filled("protocol_digest"));
         let canonical = digest
@@ -457,6 +526,8 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
             )?,
             metrics,
             intervals,
+            further,
+            further_intervals,
             rmse_pooled,
             rmse_pooled_interval,
             d1_all,
@@ -476,21 +547,18 @@ pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
 }
 
 /// Puts several files together, sorted by protocol, group, origin and method. Identical lines
-/// become one; a line of an earlier version that differs in its intervals only gives way.
+/// become one; a line of an earlier version that differs in its intervals only gives way, and so does
+/// one that lacks the further metrics only.
 ///
 /// # Errors
 /// [`CsvError::Conflict`] for two lines about the same measurement that differ, and
 /// [`CsvError::Definition`] for measured lines whose protocols share a name but not a digest.
 pub fn merge(parts: impl IntoIterator<Item = Vec<Entry>>) -> Result<Vec<Entry>, CsvError> {
     let mut merged: Vec<Entry> = parts.into_iter().flatten().collect();
-    // Of lines about one measurement those of today come first.
-    merged.sort_by(|a, b| (a.key(), a.is_old()).cmp(&(b.key(), b.is_old())));
-    merged.dedup_by(|b, a| {
-        a.key() == b.key()
-            && b.is_old()
-            && !a.is_old()
-            && a.without_intervals() == b.without_intervals()
-    });
+    // Of lines about one measurement those of today, with all figures, come first.
+    let rank = |entry: &Entry| (entry.is_old(), entry.further == [None; 5]);
+    merged.sort_by(|a, b| (a.key(), rank(a)).cmp(&(b.key(), rank(b))));
+    merged.dedup_by(|b, a| a.key() == b.key() && b.gives_way_to(a));
     for pair in merged.windows(2) {
         let [a, b] = pair else { continue };
         if a.key() != b.key() {
@@ -524,6 +592,7 @@ pub fn merge(parts: impl IntoIterator<Item = Vec<Entry>>) -> Result<Vec<Entry>, 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::metrics::FurtherMetrics;
     use crate::rows::tests::sample;
 
     fn text(entries: &[Entry]) -> String {
@@ -606,8 +675,11 @@ mod tests {
     #[test]
     fn published_figures_are_marked_and_carry_no_digest() {
         let entries = published();
-        assert_eq!(entries.len(), 6 + 17 + 15);
-        for entry in &entries {
+        let (thesis, newer): (Vec<&Entry>, Vec<&Entry>) = (entries.iter()).partition(|entry| {
+            !entry.protocol.starts_with("eigen-kb") && entry.protocol != "eigen-affine-depth"
+        });
+        assert_eq!((thesis.len(), newer.len()), (6 + 17 + 15, 9));
+        for entry in thesis {
             assert_eq!(entry.origin, Origin::Published);
             assert!(
                 entry
@@ -688,6 +760,41 @@ mod tests {
         assert!(difference.starts_with("intervals: "), "{difference}");
         old[0].metrics[0] = Some(0.2);
         assert!(merge([old, measured_entries()]).is_err());
+    }
+
+    /// Further metrics are columns where a line has them, and a line without them gives way to the
+    /// same one with them.
+    #[test]
+    fn further_metrics_are_columns_where_they_were_measured() {
+        let plain = measured_entries();
+        assert!(!text(&plain).contains("silog"));
+        let mut rows = rows();
+        for (row, silog) in rows.iter_mut().zip([10.0, 12.0].into_iter().cycle()) {
+            row.score.further = Some(FurtherMetrics {
+                silog,
+                ..FurtherMetrics::from_array([1.0; 5])
+            });
+        }
+        let full = measured(&rows, "eigen-80", 697).unwrap();
+        assert_eq!(full[0].further[0], Some(11.0));
+        let interval = full[0].further_intervals[0].unwrap();
+        assert!(
+            interval.low <= 11.0 && interval.high >= 11.0,
+            "{interval:?}"
+        );
+        let mut all = full.clone();
+        all.extend(published());
+        assert!(text(&all).contains(",silog,silog_low,silog_high,log10,"));
+        assert_eq!(read(text(&all).as_bytes()).unwrap(), all);
+        for parts in [[plain.clone(), full.clone()], [full.clone(), plain.clone()]] {
+            assert_eq!(merge(parts).unwrap(), full);
+        }
+        // Metrics that only some images have are those of none.
+        rows[0].score.further = None;
+        assert_eq!(measured(&rows, "eigen-80", 697).unwrap(), plain);
+        let mut other = plain;
+        other[0].metrics[0] = Some(0.5);
+        assert!(merge([other, full]).is_err());
     }
 
     #[test]

@@ -57,14 +57,17 @@ mod thesis;
 
 pub use columns::CsvError;
 pub use evaluate::{
-    Compared, ComparedPixel, EvaluateError, GroundTruth, ImageScore, Prediction, evaluate,
-    evaluate_depth, evaluate_with_pixels,
+    Compared, ComparedPixel, EvaluateError, Fit, GroundTruth, ImageScore, Prediction, evaluate,
+    evaluate_depth, evaluate_prediction, evaluate_with_pixels,
 };
 pub use flip::flip_blend;
-pub use metrics::{CropBox, Metric, Metrics, crop_box, d1_all, depth_metrics, median};
+pub use metrics::{
+    CropBox, FurtherMetric, FurtherMetrics, Metric, Metrics, all_metrics, benchmark_box, crop_box,
+    d1_all, depth_metrics, median,
+};
 pub use protocol::{
-    Camera, CameraError, Crop, D1Rule, GroundTruthKind, Group, Grouping, InfiniteDepth,
-    KnownCamera, LogBase, PostProcessing, Protocol, ProtocolName, Resize, StereoCamera, Suffix,
-    UnknownGroup, protocol, protocols,
+    Alignment, BenchmarkCrop, Camera, CameraError, Crop, D1Rule, GroundTruthKind, Group, Grouping,
+    InfiniteDepth, KnownCamera, LogBase, PostProcessing, Protocol, ProtocolName, Resize,
+    StereoCamera, Suffix, UnknownGroup, protocol, protocols,
 };
 pub use rows::{Row, RowContext};

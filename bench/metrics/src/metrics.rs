@@ -1,6 +1,6 @@
-//! The seven depth metrics, D1-all, crop boxes and the median.
+//! The seven depth metrics, five further ones, D1-all, crop boxes and the median.
 //!
-//! Formulas: PROTOCOL 3.1, 3.2 and 3.6 (the traditional forms of Eigen et al.: squared error
+//! Formulas: PROTOCOL 3.1, 3.2, 3.6, 10.2 and 10.3 (the traditional forms of Eigen et al.: squared error
 //! is divided by depth, not by its square; logarithms are natural). All sums are taken in
 //! double precision. What is a valid pixel is decided in [`evaluate`](crate::evaluate()).
 
@@ -124,6 +124,93 @@ impl Metrics {
     }
 }
 
+/// One of the metrics of PROTOCOL 10.3, which newer papers print beside or instead of the seven.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum FurtherMetric {
+    /// 100 times the standard deviation of ln p - ln g.
+    Silog,
+    /// Mean of |log10 p - log10 g|.
+    Log10,
+    /// Root of the mean of (1000 / p - 1000 / g)^2, 1/km.
+    Irmse,
+    /// Mean of |g - p|, metres.
+    Mae,
+    /// Mean of (g - p)^2 / g^2: what KITTI's development kit calls `sq_rel`.
+    SqRel2,
+}
+
+impl FurtherMetric {
+    /// All of them, in the order of [`FurtherMetrics::to_array`]. Each is an error: lower is better.
+    pub const ALL: [Self; 5] = [
+        Self::Silog,
+        Self::Log10,
+        Self::Irmse,
+        Self::Mae,
+        Self::SqRel2,
+    ];
+
+    /// Column name in CSV files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Silog => "silog",
+            Self::Log10 => "log10",
+            Self::Irmse => "irmse",
+            Self::Mae => "mae",
+            Self::SqRel2 => "sq_rel_2",
+        }
+    }
+
+    /// Heading for people.
+    pub fn heading(self) -> &'static str {
+        match self {
+            Self::Silog => "SILog",
+            Self::Log10 => "log10",
+            Self::Irmse => "iRMSE",
+            Self::Mae => "MAE",
+            Self::SqRel2 => "Sq Rel/g²",
+        }
+    }
+}
+
+/// Values of the further metrics for one image, or their means over images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FurtherMetrics {
+    /// 100 times the standard deviation of ln p - ln g.
+    pub silog: f64,
+    /// Mean of |log10 p - log10 g|.
+    pub log10: f64,
+    /// Root of the mean of (1000 / p - 1000 / g)^2, 1/km.
+    pub irmse: f64,
+    /// Mean of |g - p|, metres.
+    pub mae: f64,
+    /// Mean of (g - p)^2 / g^2.
+    pub sq_rel_2: f64,
+}
+
+impl FurtherMetrics {
+    /// Values in the order of [`FurtherMetric::ALL`].
+    pub fn to_array(self) -> [f64; 5] {
+        [self.silog, self.log10, self.irmse, self.mae, self.sq_rel_2]
+    }
+
+    /// The inverse of [`FurtherMetrics::to_array`].
+    pub fn from_array(values: [f64; 5]) -> Self {
+        let [silog, log10, irmse, mae, sq_rel_2] = values;
+        Self {
+            silog,
+            log10,
+            irmse,
+            mae,
+            sq_rel_2,
+        }
+    }
+
+    /// One value.
+    pub fn get(self, metric: FurtherMetric) -> f64 {
+        self.to_array()[metric as usize]
+    }
+}
+
 /// Metrics and sum of squared errors (m^2) over pairs of true and predicted depth in metres,
 /// all positive and finite; `None` without pairs. With `strict`, a ratio equal to a threshold
 /// lies outside it, as in the reference.
@@ -131,7 +218,26 @@ pub fn depth_metrics(
     pairs: impl IntoIterator<Item = (f64, f64)>,
     strict: bool,
 ) -> Option<(Metrics, f64)> {
+    let (metrics, _, squared) = sums::<false>(pairs, strict)?;
+    Some((metrics, squared))
+}
+
+/// As [`depth_metrics`], with the further metrics from the same pass.
+pub fn all_metrics(
+    pairs: impl IntoIterator<Item = (f64, f64)>,
+    strict: bool,
+) -> Option<(Metrics, FurtherMetrics, f64)> {
+    sums::<true>(pairs, strict)
+}
+
+/// The further metrics are zeros where nobody asked for them.
+fn sums<const FURTHER: bool>(
+    pairs: impl IntoIterator<Item = (f64, f64)>,
+    strict: bool,
+) -> Option<(Metrics, FurtherMetrics, f64)> {
     let (mut abs_rel, mut sq_rel, mut squared, mut squared_log) = (0.0, 0.0, 0.0, 0.0);
+    let (mut log, mut abs_log, mut squared_inverse) = (0.0, 0.0, 0.0);
+    let (mut absolute, mut squared_ratio) = (0.0, 0.0);
     let mut within = [0_u64; 3];
     let mut count = 0_u64;
     for (g, p) in pairs {
@@ -141,6 +247,16 @@ pub fn depth_metrics(
         sq_rel += error * error / g;
         squared += error * error;
         squared_log += log_error * log_error;
+        if FURTHER {
+            log += log_error;
+            abs_log += log_error.abs();
+            // (1/p - 1/g) = (g - p) / (g p) and (g - p)/g once more: two divisions for both.
+            let relative = error / g;
+            let inverse = relative / p;
+            squared_ratio += relative * relative;
+            squared_inverse += inverse * inverse;
+            absolute += error.abs();
+        }
         let ratio = (g / p).max(p / g);
         for (hits, threshold) in within
             .iter_mut()
@@ -164,7 +280,16 @@ pub fn depth_metrics(
         a2,
         a3,
     };
-    Some((metrics, squared))
+    let mean_log = log / n;
+    let further = FurtherMetrics {
+        // Rounding may leave less than nothing of a spread of zero.
+        silog: 100.0 * (squared_log / n - mean_log * mean_log).max(0.0).sqrt(),
+        log10: abs_log / n / std::f64::consts::LN_10,
+        irmse: 1000.0 * (squared_inverse / n).sqrt(),
+        mae: absolute / n,
+        sq_rel_2: squared_ratio / n,
+    };
+    Some((metrics, further, squared))
 }
 
 /// Percentage of wrong disparities over pairs of true and predicted disparity in pixels; pairs
@@ -232,6 +357,46 @@ pub fn crop_box(crop: Crop, width: usize, height: usize) -> CropBox {
             left: (left * width as f64) as usize,
             right: (right * width as f64) as usize,
         },
+    }
+}
+
+/// Rows and columns of KITTI's benchmark crop: at the bottom and in the middle; `None` for images
+/// that are smaller (PROTOCOL 10.2).
+pub fn benchmark_box(width: usize, height: usize) -> Option<CropBox> {
+    const WIDTH: usize = 1216;
+    const HEIGHT: usize = 352;
+    let top = height.checked_sub(HEIGHT)?;
+    let left = width.checked_sub(WIDTH)? / 2;
+    Some(CropBox {
+        top,
+        bottom: height,
+        left,
+        right: left + WIDTH,
+    })
+}
+
+impl CropBox {
+    /// Columns and rows of it.
+    #[must_use]
+    pub fn size(self) -> (usize, usize) {
+        (self.right - self.left, self.bottom - self.top)
+    }
+
+    /// Whether a pixel lies inside.
+    #[must_use]
+    pub fn has(self, row: usize, column: usize) -> bool {
+        (self.top..self.bottom).contains(&row) && (self.left..self.right).contains(&column)
+    }
+
+    /// A box within this one, given by its own rows and columns, in those of the image.
+    #[must_use]
+    pub fn placed(self, inner: Self) -> Self {
+        Self {
+            top: self.top + inner.top,
+            bottom: self.top + inner.bottom,
+            left: self.left + inner.left,
+            right: self.left + inner.right,
+        }
     }
 }
 
@@ -329,6 +494,67 @@ mod tests {
             [nyu.top, nyu.bottom, nyu.left, nyu.right],
             [45, 471, 41, 601]
         );
+    }
+
+    /// By hand from the table of PROTOCOL 10.2: rows 23 to 374, columns 13 to 1228.
+    #[test]
+    fn the_benchmark_crop_is_at_the_bottom_and_in_the_middle() {
+        let cut = benchmark_box(1242, 375).unwrap();
+        assert_eq!(
+            [cut.top, cut.bottom, cut.left, cut.right],
+            [23, 375, 13, 1229]
+        );
+        let odd = benchmark_box(1241, 376).unwrap();
+        assert_eq!([odd.top, odd.left, odd.right], [24, 12, 1228]);
+        assert_eq!(cut.size(), (1216, 352));
+        assert_eq!(benchmark_box(1216, 351), None);
+        assert_eq!(benchmark_box(1215, 352), None);
+        // Garg's and Eigen's boxes of all KITTI sizes lie inside; Eigen's of the cut image is moved.
+        for (height, width) in [
+            (375, 1242),
+            (370, 1224),
+            (370, 1226),
+            (374, 1238),
+            (376, 1241),
+        ] {
+            let cut = benchmark_box(width, height).unwrap();
+            for crop in [Crop::Garg, Crop::Eigen] {
+                let inner = crop_box(crop, width, height);
+                assert!(cut.has(inner.top, inner.left), "{width}x{height}");
+                assert!(
+                    cut.has(inner.bottom - 1, inner.right - 1),
+                    "{width}x{height}"
+                );
+            }
+        }
+        let eigen = cut.placed(crop_box(Crop::Eigen, 1216, 352));
+        assert_eq!(
+            [eigen.top, eigen.bottom, eigen.left, eigen.right],
+            [23 + 117, 23 + 321, 13 + 43, 13 + 1172]
+        );
+    }
+
+    /// By hand: a depth that is right up to a factor has no scale-invariant error.
+    #[test]
+    fn further_metrics_by_hand() {
+        let pairs = [(2.0, 2.2), (10.0, 11.0), (40.0, 44.0)];
+        let (seven, further, squared) = all_metrics(pairs, true).unwrap();
+        assert_eq!(depth_metrics(pairs, true), Some((seven, squared)));
+        assert!(further.silog < 1e-6, "{further:?}");
+        assert!((further.log10 - 1.1_f64.log10()).abs() < 1e-12);
+        assert!((further.mae - (0.2 + 1.0 + 4.0) / 3.0).abs() < 1e-12);
+        assert!((further.sq_rel_2 - 0.01).abs() < 1e-12);
+        // 1/2.2 - 1/2 = -0.0454..., 1/11 - 1/10 = -0.0090..., 1/44 - 1/40 = -0.0022...
+        let inverse = [1.0 / 22.0, 1.0 / 110.0, 1.0 / 440.0].map(|e: f64| 1e6 * e * e);
+        assert!((further.irmse - (inverse.iter().sum::<f64>() / 3.0).sqrt()).abs() < 1e-9);
+        // d = ln(p/g) of ln 2 and -ln 2: no mean, a spread of ln 2.
+        let (_, further, _) = all_metrics([(1.0, 2.0), (4.0, 2.0)], true).unwrap();
+        assert!((further.silog - 100.0 * 2.0_f64.ln()).abs() < 1e-9);
+        assert_eq!(
+            FurtherMetric::ALL.map(|m| further.get(m)),
+            further.to_array()
+        );
+        assert_eq!(FurtherMetrics::from_array(further.to_array()), further);
     }
 
     #[test]

@@ -1,18 +1,20 @@
 //! `rows.csv`: one line per model, protocol, image and, where the protocol has groups, group.
 //!
 //! Tables, intervals and leaderboard lines are made of these lines and of nothing else. Numbers
-//! are written in their shortest exact form, so reading gives back the very values.
+//! are written in their shortest exact form, so reading gives back the very values. What only some
+//! runs measure has columns only where a row has it: further metrics, scale and shift.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 
 use crate::columns::{self, CsvError, cell};
-use crate::evaluate::ImageScore;
-use crate::metrics::Metrics;
+use crate::evaluate::{Fit, ImageScore};
+use crate::metrics::{FurtherMetric, FurtherMetrics, Metrics};
 use crate::protocol::{Group, canonical};
 
-/// Column names in the order in which they are written.
-pub const COLUMNS: [&str; 23] = [
+/// Column names in the order in which they are written. Of these, `silog` to `sq_rel_2` stand in a file
+/// only where the further metrics were measured, `scale` and `shift` only where rows were aligned.
+pub const COLUMNS: [&str; 30] = [
     "model",
     "model_hash",
     "variant",
@@ -30,13 +32,28 @@ pub const COLUMNS: [&str; 23] = [
     "a2",
     "a3",
     "d1_all",
+    "silog",
+    "log10",
+    "irmse",
+    "mae",
+    "sq_rel_2",
     "sum_squared_error",
     "pixels",
     "floored_pixels",
+    "scale",
+    "shift",
     "runtime",
     "provider",
     "tool_version",
 ];
+
+/// Columns of the further metrics.
+fn further_columns() -> [&'static str; 5] {
+    FurtherMetric::ALL.map(FurtherMetric::name)
+}
+
+/// Columns of the numbers of an alignment.
+const FIT_COLUMNS: [&str; 2] = ["scale", "shift"];
 
 /// What all lines of one model under one protocol share.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -108,11 +125,15 @@ impl Row {
             cell(self.score.group),
         ];
         cells.extend(self.score.metrics.to_array().map(|value| value.to_string()));
+        cells.push(cell(self.score.d1_all));
+        let further = self.score.further.map(FurtherMetrics::to_array);
+        cells.extend((0..5).map(|index| cell(further.map(|values| values[index]))));
         cells.extend([
-            cell(self.score.d1_all),
             self.score.sum_squared_error.to_string(),
             self.score.pixels.to_string(),
             self.score.floored_pixels.to_string(),
+            cell(self.score.fit.map(|fit| fit.scale)),
+            cell(self.score.fit.map(|fit| fit.shift)),
             c.runtime.clone(),
             c.provider.clone(),
             c.tool_version.clone(),
@@ -121,11 +142,41 @@ impl Row {
     }
 }
 
-/// Writes a header and all rows in the order given.
+/// Which of [`COLUMNS`] a file of these rows has.
+#[must_use]
+pub fn columns_of(rows: &[Row]) -> Vec<&'static str> {
+    let has_further = rows.iter().any(|row| row.score.further.is_some());
+    let has_fit = rows.iter().any(|row| row.score.fit.is_some());
+    let is_there = |column: &&str| {
+        (has_further || !further_columns().contains(column))
+            && (has_fit || !FIT_COLUMNS.contains(column))
+    };
+    COLUMNS.into_iter().filter(is_there).collect()
+}
+
+/// Writes a header and all rows in the order given, without columns that would be empty because
+/// nothing of the kind was measured.
 ///
 /// # Errors
 /// If the writer fails.
-pub fn write(rows: &[Row], mut writer: impl Write) -> Result<(), CsvError> {
+pub fn write(rows: &[Row], writer: impl Write) -> Result<(), CsvError> {
+    let columns = columns_of(rows);
+    let mut csv = strat_csv::Writer::new(writer);
+    csv.write_record(&columns)?;
+    for row in rows {
+        let cells = row.cells().into_iter().zip(COLUMNS);
+        let cells = cells.filter(|(_, column)| columns.contains(column));
+        csv.write_record(cells.map(|(cell, _)| cell))?;
+    }
+    csv.flush()?;
+    Ok(())
+}
+
+/// Writes a header with every column and rows, so that any row may follow by [`append`].
+///
+/// # Errors
+/// If the writer fails.
+pub fn begin(rows: &[Row], mut writer: impl Write) -> Result<(), CsvError> {
     let mut csv = strat_csv::Writer::new(&mut writer);
     csv.write_record(COLUMNS)?;
     csv.flush()?;
@@ -133,7 +184,7 @@ pub fn write(rows: &[Row], mut writer: impl Write) -> Result<(), CsvError> {
     append(rows, writer)
 }
 
-/// Writes rows without a header, behind those that are there.
+/// Writes rows with every column and without a header, behind what [`begin`] wrote.
 ///
 /// # Errors
 /// If the writer fails.
@@ -146,13 +197,14 @@ pub fn append(rows: &[Row], writer: impl Write) -> Result<(), CsvError> {
     Ok(())
 }
 
-/// Reads what [`write()`] has written. Names of protocols become the canonical ones
+/// Reads what [`write()`] has written, also without the optional columns. Names of protocols become the canonical ones
 /// ([`ProtocolName`](crate::ProtocolName)), digests with them; rows that then are the same are one.
 ///
 /// # Errors
 /// Anything else than such a text, with line and column.
 pub fn read(reader: impl Read) -> Result<Vec<Row>, CsvError> {
-    let mut rows = columns::read(reader, &COLUMNS, |fields| {
+    let optional = [&further_columns()[..], &FIT_COLUMNS].concat();
+    let mut rows = columns::read(reader, &COLUMNS, &optional, |fields| {
         let variant = fields.text("variant");
         let context = RowContext {
             model: fields.required("model")?,
@@ -189,10 +241,12 @@ pub fn read(reader: impl Read) -> Result<Vec<Row>, CsvError> {
                     "empty or one of flat, human, vehicle, construction and object, or a distance such as 5-10m",
                 )?,
                 metrics,
+                further: (fields.measures(further_columns())?).map(FurtherMetrics::from_array),
                 d1_all: fields.optional_measure("d1_all")?,
                 sum_squared_error: fields.measure("sum_squared_error")?,
                 pixels,
                 floored_pixels: fields.value("floored_pixels", count)?,
+                fit: (fields.numbers(FIT_COLUMNS)?).map(|[scale, shift]| Fit { scale, shift }),
             },
         })
     })?;
@@ -424,10 +478,12 @@ pub(crate) mod tests {
                 a2: 1.0 - value / 2.0,
                 a3: 1.0 - value / 4.0,
             },
+            further: None,
             d1_all: None,
             sum_squared_error: 1000.0 * (50.0 * value).powi(2),
             pixels: 1000,
             floored_pixels: 0,
+            fit: None,
         };
         Row::new(&context, image, score)
     }
@@ -455,6 +511,41 @@ pub(crate) mod tests {
         );
     }
 
+    /// What only some runs measure has columns only where it was measured.
+    #[test]
+    fn columns_stand_where_something_was_measured() {
+        let plain = sample("m", "p", "a", 0.1);
+        let mut aligned = sample("m", "p-affine-depth", "a", 0.1);
+        aligned.score.fit = Some(Fit {
+            scale: -0.5,
+            shift: 3.0,
+        });
+        aligned.score.further = Some(FurtherMetrics::from_array([1.0, 2.0, 3.0, 4.0, 5.0]));
+        let both = text(&[plain.clone(), aligned.clone()]);
+        assert!(both.contains("d1_all,silog,log10,irmse,mae,sq_rel_2,sum_squared_error"));
+        assert!(
+            both.contains(",floored_pixels,scale,shift,runtime"),
+            "{both}"
+        );
+        assert!(both.contains(",,,,,,25000,1000,0,,,embedded"), "{both}");
+        assert!(
+            both.contains(",,1,2,3,4,5,25000,1000,0,-0.5,3,embedded"),
+            "{both}"
+        );
+        let rows = [plain.clone(), aligned];
+        assert_eq!(read(both.as_bytes()).unwrap(), rows);
+        assert!(!text(&[plain]).contains("shift"));
+        let half = both.replace(",-0.5,3,", ",-0.5,,");
+        let error = read(half.as_bytes()).unwrap_err().to_string();
+        assert!(error.contains("line 3, column \"shift\""), "{error}");
+        let not = both.replace(",-0.5,", ",inf,");
+        let error = read(not.as_bytes()).unwrap_err().to_string();
+        assert!(error.contains("\"inf\" is not a finite number"), "{error}");
+        let metric = both.replace(",1,2,3,4,5,", ",1,-2,3,4,5,");
+        let error = read(metric.as_bytes()).unwrap_err().to_string();
+        assert!(error.contains("column \"log10\""), "{error}");
+    }
+
     proptest! {
         #[test]
         fn round_trip_is_exact(
@@ -465,6 +556,8 @@ pub(crate) mod tests {
             d1 in proptest::option::of(0.0..100.0_f64),
             counts in (1..u64::MAX, 0..u64::MAX),
             group in proptest::option::of(proptest::sample::select(Group::all().collect::<Vec<_>>())),
+            further in proptest::option::of(proptest::array::uniform5(0.0..1e6_f64)),
+            fit in proptest::option::of((-1e6..1e6_f64, -1e6..1e6_f64)),
         ) {
             let mut row = sample(&model, "p", "2011_09_26_drive_0001/0000000005", 0.5);
             row.context.variant = variant;
@@ -473,13 +566,19 @@ pub(crate) mod tests {
             row.score = ImageScore {
                 group,
                 metrics: Metrics::from_array([a, b, c, d, e, f, g]),
+                further: further.map(FurtherMetrics::from_array),
                 d1_all: d1,
                 sum_squared_error: squared,
                 pixels: counts.0,
                 floored_pixels: counts.1,
+                fit: fit.map(|(scale, shift)| Fit { scale, shift }),
             };
             let rows = [row];
-            prop_assert_eq!(read(text(&rows).as_bytes()).unwrap(), rows);
+            prop_assert_eq!(&read(text(&rows).as_bytes()).unwrap()[..], &rows[..]);
+            let mut open = Vec::new();
+            begin(&[], &mut open).unwrap();
+            append(&rows, &mut open).unwrap();
+            prop_assert_eq!(&read(open.as_slice()).unwrap()[..], &rows[..]);
         }
 
         #[test]

@@ -14,7 +14,7 @@ use strat_splits::{Recording, recording};
 
 pub use crate::interval::{Interval, MIN_CLUSTERS, NoInterval};
 use crate::interval::{Range, check, ratio_interval};
-use crate::metrics::{Metric, Metrics};
+use crate::metrics::{FurtherMetrics, Metric, Metrics};
 use crate::protocol::Group;
 use crate::rows::Row;
 
@@ -102,6 +102,8 @@ pub struct Summary {
     pub floored_pixels: u64,
     /// Unweighted means over images.
     pub mean: Metrics,
+    /// Means of the further metrics, if every image has them.
+    pub further: Option<FurtherMetrics>,
     /// Mean of D1-all in percent, if every image has it.
     pub d1_all: Option<f64>,
     /// Root of the squared error pooled over the pixels of all images, metres.
@@ -110,6 +112,8 @@ pub struct Summary {
     pub no_interval: Option<NoInterval>,
     /// Intervals of the means in the order of [`Metric::ALL`].
     pub intervals: Option<[Interval; 7]>,
+    /// Intervals of `further`, in the order of [`FurtherMetric::ALL`](crate::FurtherMetric::ALL).
+    pub further_intervals: Option<[Interval; 5]>,
     /// Interval of `d1_all`.
     pub d1_all_interval: Option<Interval>,
     /// Interval of `pooled_rmse`; none either where one recording has more than half of the pixels.
@@ -124,6 +128,7 @@ type Key<'a> = (&'a str, Option<Group>);
 struct Sums {
     rows: f64,
     metrics: [f64; 7],
+    further: [f64; 5],
     d1_all: f64,
     squared_error: f64,
     pixels: f64,
@@ -149,6 +154,10 @@ pub fn summarise(rows: &[&Row]) -> Option<Summary> {
         for (sum, value) in sums.metrics.iter_mut().zip(row.score.metrics.to_array()) {
             *sum += value;
         }
+        let further = row.score.further.unwrap_or_default().to_array();
+        for (sum, value) in sums.further.iter_mut().zip(further) {
+            *sum += value;
+        }
         sums.d1_all += row.score.d1_all.unwrap_or_default();
         sums.squared_error += row.score.sum_squared_error;
         sums.pixels += row.score.pixels as f64;
@@ -171,6 +180,18 @@ pub fn summarise(rows: &[&Row]) -> Option<Summary> {
         interval(&|sums| (sums.metrics[metric as usize], sums.rows), range)
     });
     let intervals: Option<Vec<Interval>> = intervals.into_iter().collect();
+    let further: Option<Vec<(&str, [f64; 5])>> = sorted
+        .iter()
+        .map(|((image, _), row)| Some((*image, row.score.further?.to_array())))
+        .collect();
+    let further = further.and_then(|values| self::mean(values.into_iter()));
+    let further_intervals: Option<Vec<Interval>> = (further.is_some())
+        .then(|| {
+            let of =
+                |index: usize| interval(&|sums| (sums.further[index], sums.rows), Range::Positive);
+            (0..5).map(of).collect()
+        })
+        .flatten();
     let sum = |value: fn(&Row) -> u64| sorted.values().map(|row| value(row)).sum::<u64>();
     let pixels = sum(|row| row.score.pixels);
     let squared: f64 = sorted.values().map(|row| row.score.sum_squared_error).sum();
@@ -183,10 +204,12 @@ pub fn summarise(rows: &[&Row]) -> Option<Summary> {
         pixels,
         floored_pixels: sum(|row| row.score.floored_pixels),
         mean: Metrics::from_array(mean),
+        further: further.map(FurtherMetrics::from_array),
         d1_all: d1.map(|values| values.iter().sum::<f64>() / values.len() as f64),
         pooled_rmse: (squared / pixels as f64).sqrt(),
         no_interval,
         intervals: intervals.and_then(|intervals| intervals.try_into().ok()),
+        further_intervals: further_intervals.and_then(|intervals| intervals.try_into().ok()),
         d1_all_interval: interval(&|sums| (0.01 * sums.d1_all, sums.rows), Range::Fraction)
             .filter(|_| has_d1)
             .map(|interval| interval.map(|bound| 100.0 * bound)),
@@ -247,10 +270,12 @@ mod tests {
         let score = ImageScore {
             group: None,
             metrics,
+            further: None,
             d1_all: Some(10.0 * abs_rel),
             sum_squared_error: 100.0 * abs_rel,
             pixels: 50,
             floored_pixels: 1,
+            fit: None,
         };
         Row::new(&RowContext::default(), image, score)
     }

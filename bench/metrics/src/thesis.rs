@@ -3,9 +3,9 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::protocol::{ProtocolName, Suffix};
+use crate::protocol::{Alignment, ProtocolName, Suffix};
 
-/// A table of the thesis, or the one that belongs beside its figure 3.6.
+/// A table of the thesis, the one that belongs beside its figure 3.6, or the one of newer models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ThesisTable {
     /// KITTI split.
@@ -16,11 +16,20 @@ pub enum ThesisTable {
     Table33,
     /// Make3D, of which the thesis shows pictures only (figure 3.6; PROTOCOL 1.4).
     Make3d,
+    /// Eigen split with improved ground truth, 652 images: models with and without a scale under the
+    /// rules of their own papers (PROTOCOL 10.4).
+    Eigen652,
 }
 
 impl ThesisTable {
     /// All tables.
-    pub const ALL: [Self; 4] = [Self::Table31, Self::Table32, Self::Table33, Self::Make3d];
+    pub const ALL: [Self; 5] = [
+        Self::Table31,
+        Self::Table32,
+        Self::Table33,
+        Self::Make3d,
+        Self::Eigen652,
+    ];
 
     /// Names of the protocols behind the table, section by section.
     pub fn protocols(self) -> &'static [&'static str] {
@@ -29,39 +38,39 @@ impl ThesisTable {
             Self::Table32 => &["semantic"],
             Self::Table33 => &["eigen-80", "eigen-50"],
             Self::Make3d => &["make3d-c1"],
+            Self::Eigen652 => &[
+                "eigen-improved-garg",
+                "eigen-kb-garg",
+                "eigen-affine-disparity",
+                "eigen-affine-depth",
+            ],
         }
     }
 
-    /// The same with the scale set by medians; empty where it always is.
+    /// The same with an alignment; empty for tables whose protocols say themselves how they align.
     #[must_use]
-    pub fn protocols_at(self, scale: Scale) -> Vec<String> {
+    pub fn protocols_at(self, alignment: Alignment) -> Vec<String> {
         let own = self
             .protocols()
             .iter()
             .map(|name| ProtocolName::parse(name));
-        match scale {
-            Scale::Own => own.map(|name| name.to_string()).collect(),
-            Scale::Median if self == Self::Make3d => Vec::new(),
-            Scale::Median => own
-                .map(|name| name.with(Suffix::Median).to_string())
-                .collect(),
+        match Suffix::of_alignment(alignment) {
+            None => own.map(|name| name.to_string()).collect(),
+            Some(_) if matches!(self, Self::Make3d | Self::Eigen652) => Vec::new(),
+            Some(suffix) => own.map(|name| name.with(suffix).to_string()).collect(),
         }
     }
 
-    /// The table that shows figures under a protocol, and at which scale.
+    /// The table that shows figures under a protocol, and with which alignment beside its own.
     #[must_use]
-    pub fn showing(protocol: &str) -> Option<(Self, Scale)> {
-        let name = ProtocolName::parse(protocol);
-        let scale = if name.has(Suffix::Median) {
-            Scale::Median
-        } else {
-            Scale::Own
-        };
-        let own = name.without(Suffix::Median).to_string();
-        let table = Self::ALL
-            .into_iter()
-            .find(|table| table.protocols().contains(&own.as_str()))?;
-        Some((table, scale))
+    pub fn showing(protocol: &str) -> Option<(Self, Alignment)> {
+        let all = Self::ALL.into_iter();
+        all.flat_map(|table| Alignment::ALL.map(|alignment| (table, alignment)))
+            .find(|(table, alignment)| {
+                let names = table.protocols_at(*alignment);
+                let canonical = ProtocolName::parse(protocol).to_string();
+                names.contains(&canonical)
+            })
     }
 
     pub(crate) fn subject(self) -> &'static str {
@@ -70,29 +79,7 @@ impl ThesisTable {
             Self::Table32 => "RMSE in metres by semantic group",
             Self::Table33 => "Eigen split",
             Self::Make3d => "beside figure 3.6",
-        }
-    }
-}
-
-/// Where the scale of a table's figures comes from. Figures of the two are never compared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Scale {
-    /// The model's own, or what the protocol says without a suffix.
-    Own,
-    /// Medians of the ground truth, for models of unknown scale.
-    Median,
-}
-
-impl Scale {
-    /// Both.
-    pub const ALL: [Self; 2] = [Self::Own, Self::Median];
-
-    /// What the names of protocols and files then end in.
-    #[must_use]
-    pub fn suffix(self) -> &'static str {
-        match self {
-            Self::Own => "",
-            Self::Median => Suffix::Median.as_str(),
+            Self::Eigen652 => "Eigen split, improved ground truth",
         }
     }
 }
@@ -104,6 +91,7 @@ impl fmt::Display for ThesisTable {
             Self::Table32 => "3.2",
             Self::Table33 => "3.3",
             Self::Make3d => "make3d",
+            Self::Eigen652 => "eigen-652",
         })
     }
 }
@@ -121,7 +109,7 @@ impl FromStr for ThesisTable {
 
 /// Text that is no [`ThesisTable`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("there is no table {0:?}; the tables are 3.1, 3.2, 3.3 and make3d")]
+#[error("there is no table {0:?}; the tables are 3.1, 3.2, 3.3, make3d and eigen-652")]
 pub struct UnknownTable(pub String);
 
 #[cfg(test)]
@@ -129,14 +117,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tables_know_their_protocols_at_both_scales() {
-        let scaled = ThesisTable::Table33.protocols_at(Scale::Median);
+    fn tables_know_their_protocols_with_every_alignment() {
+        let scaled = ThesisTable::Table33.protocols_at(Alignment::Median);
         assert_eq!(scaled, ["eigen-80-median", "eigen-50-median"]);
-        assert!(ThesisTable::Make3d.protocols_at(Scale::Median).is_empty());
+        let affine = ThesisTable::Table31.protocols_at(Alignment::AffineDisparity);
+        assert_eq!(affine, ["kitti2015-affine-disparity"]);
+        assert!(
+            ThesisTable::Make3d
+                .protocols_at(Alignment::Median)
+                .is_empty()
+        );
         for table in ThesisTable::ALL {
-            for scale in Scale::ALL {
-                for name in table.protocols_at(scale) {
-                    assert_eq!(ThesisTable::showing(&name), Some((table, scale)), "{name}");
+            for alignment in Alignment::ALL {
+                for name in table.protocols_at(alignment) {
+                    assert_eq!(
+                        ThesisTable::showing(&name),
+                        Some((table, alignment)),
+                        "{name}"
+                    );
                     assert!(crate::protocol(&name).is_some(), "{name}");
                 }
             }
@@ -146,6 +144,7 @@ mod tests {
             "eigen-80-distance-median",
             "eigen-60",
             "mine-median",
+            "make3d-c1-affine-depth",
         ] {
             assert_eq!(ThesisTable::showing(other), None, "{other}");
         }

@@ -47,7 +47,9 @@ impl Rows {
     fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let cells: Vec<Vec<String>> = self.rows.iter().map(Row::cells).collect();
         let columns = PyDict::new(py);
-        for (index, name) in COLUMNS.iter().enumerate() {
+        let written = rows::columns_of(&self.rows);
+        let written = |(_, name): &(usize, &&str)| written.contains(*name);
+        for (index, name) in COLUMNS.iter().enumerate().filter(written) {
             let values = PyList::empty(py);
             for row in &cells {
                 values.append(cell(py, name, &row[index])?)?;

@@ -198,6 +198,7 @@ impl ValueEnum for TableChoice {
             Self::Table32,
             Self::Table33,
             Self::Make3d,
+            Self::Eigen652,
             Self::All,
         ]
     }
@@ -214,7 +215,14 @@ impl ValueEnum for TableChoice {
                 "make3d",
                 "Make3D: the figures beside the pictures of figure 3.6",
             ),
-            Self::All => ("all", "Whatever the prepared set offers"),
+            Self::Eigen652 => (
+                "eigen-652",
+                "Eigen split, improved ground truth: newer models, with and without a scale",
+            ),
+            Self::All => (
+                "all",
+                "The tables of the thesis that the prepared set offers",
+            ),
         };
         Some(PossibleValue::new(name).help(help))
     }

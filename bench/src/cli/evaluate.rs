@@ -24,7 +24,7 @@ use crate::{
 
 #[derive(Debug, Args)]
 pub(super) struct EvaluateArgs {
-    /// Table of the thesis to fill; `all` is whatever the data offers
+    /// Table to fill; `all` is whatever tables of the thesis the data offers
     #[arg(long, value_enum)]
     table: TableChoice,
     /// Folder that `prep` has written
@@ -44,6 +44,10 @@ pub(super) struct EvaluateArgs {
     /// a YAML file of your own
     #[arg(long = "protocol", value_name = "NAME|FILE.yaml")]
     protocols: Vec<String>,
+    /// Measure SILog, log10, iRMSE, MAE and Sq Rel over g² as well: columns of rows.csv,
+    /// leaderboard.csv and the tables
+    #[arg(long)]
+    metrics: bool,
     /// Add a measured row: the median depth of the training scans at each place in the picture
     #[arg(long)]
     median_baseline: bool,
@@ -93,6 +97,7 @@ pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result
         protocols: &args.protocols,
         models: &models,
         predictions: &predictions,
+        further: args.metrics,
         median_baseline: args.median_baseline,
         out: &args.out,
         shard: args.shard,

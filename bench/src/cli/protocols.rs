@@ -59,8 +59,8 @@ pub(super) fn run(args: &ProtocolsArgs) -> anyhow::Result<u8> {
         );
     }
     text += "\nEach name also takes another crop (-nocrop, -garg, -eigencrop), -pp (flip post-processing), -distance\n\
-             (scores by true depth) and -median (median scaling), in any order. `bench protocols NAME` states the\n\
-             rules, `bench protocols diff A B` what differs.\n";
+             (scores by true depth) and an alignment (-median, -scale-depth, -affine-depth, -scale-disparity,\n\
+             -affine-disparity), in any order. `bench protocols NAME` states the rules, `bench protocols diff A B` what differs.\n";
     print(text)?;
     Ok(DONE)
 }

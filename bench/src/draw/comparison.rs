@@ -77,7 +77,7 @@ pub fn write(out: &Path, model: &str, comparison: &Comparison) -> Result<(), str
         protocol: comparison.context.protocol.clone(),
         protocol_digest: comparison.context.protocol_digest.clone(),
         abs_rel: comparison.abs_rel(),
-        scale: scored.map(|scored| scored.compared.scale),
+        scale: scored.map(|scored| scored.compared.fit.map_or(1.0, |fit| fit.scale)),
         pixels: scored.map_or(0, |scored| scored.compared.pixels.len()),
         file: file(model, &comparison.image),
     };
@@ -222,10 +222,12 @@ pub(super) mod tests {
                 a2: 1.0,
                 a3: 1.0,
             },
+            further: None,
             d1_all: None,
             sum_squared_error: 0.0,
             pixels: pixels.len() as u64,
             floored_pixels: 0,
+            fit: None,
         };
         Comparison {
             image: "drive/1".to_owned(),
@@ -242,7 +244,7 @@ pub(super) mod tests {
                 compared: Compared {
                     width: columns,
                     height: rows,
-                    scale: 1.0,
+                    fit: None,
                     limits_m: (1e-3, 80.0),
                     pixels,
                     predicted_m: vec![predicted_m as f32; columns * rows],

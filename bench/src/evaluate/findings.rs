@@ -38,6 +38,7 @@ pub(super) fn remarks(
     } else {
         Remark::Note
     };
+    remarks.extend(misaligned(name, rows).into_iter().map(Remark::Warning));
     remarks.extend(unpredicted(name, rows, gives_depth).map(counted));
     remarks.extend(
         dead(name, rows)
@@ -109,6 +110,48 @@ fn dead(name: &str, rows: &[Row]) -> Option<String> {
     })
 }
 
+/// What there is to say about alignments (PROTOCOL 10.1), protocol by protocol: images whose fitted
+/// scale is below 0, and images whose prediction is the same everywhere.
+fn misaligned(name: &str, rows: &[Row]) -> Vec<String> {
+    let mut protocols: Vec<&str> = rows
+        .iter()
+        .filter(|row| row.score.fit.is_some())
+        .map(|row| row.context.protocol.as_str())
+        .collect();
+    protocols.dedup();
+    let mut texts = Vec::new();
+    for protocol in protocols {
+        let own = || rows.iter().filter(|row| row.context.protocol == protocol);
+        let where_scale = |is: fn(f64) -> bool| -> BTreeSet<&str> {
+            own()
+                .filter(|row| row.score.fit.is_some_and(|fit| is(fit.scale)))
+                .map(|row| row.image.as_str())
+                .collect()
+        };
+        let images: BTreeSet<&str> = own().map(|row| row.image.as_str()).collect();
+        let reversed = where_scale(|scale| scale < 0.0);
+        if let Some(first) = reversed.first() {
+            texts.push(format!(
+                "NEGATIVE SCALE: model {name} under {protocol}: what is near is predicted as far in \
+                 {} of {} images, such as {first} (column scale of rows.csv); is its output depth that \
+                 is declared as `inverse_depth`, or the reverse?",
+                reversed.len(),
+                images.len()
+            ));
+        }
+        let flat = where_scale(|scale| scale == 0.0);
+        if let Some(first) = flat.first() {
+            texts.push(format!(
+                "FLAT OUTPUT: model {name} under {protocol}: what is aligned is the same everywhere in \
+                 {} of {} images, such as {first}; their rows are those of a constant",
+                flat.len(),
+                images.len()
+            ));
+        }
+    }
+    texts
+}
+
 pub(super) fn images_in(rows: &[Row]) -> usize {
     let images: BTreeSet<&str> = rows.iter().map(|row| row.image.as_str()).collect();
     images.len()
@@ -116,7 +159,7 @@ pub(super) fn images_in(rows: &[Row]) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use strat_metrics::{ImageScore, Metrics, RowContext};
+    use strat_metrics::{Fit, ImageScore, Metrics, RowContext};
 
     use super::*;
 
@@ -137,10 +180,12 @@ mod tests {
         let score = ImageScore {
             group: None,
             metrics,
+            further: None,
             d1_all: None,
             sum_squared_error: 0.0,
             pixels,
             floored_pixels,
+            fit: None,
         };
         Row::new(&context, image, score)
     }
@@ -165,6 +210,33 @@ mod tests {
         let disparity = unpredicted("m", &rows, false).unwrap();
         assert!(disparity.contains("30 of 170 pixels"), "{disparity}");
         assert_eq!(unpredicted("m", &rows[1..], true), None);
+    }
+
+    #[test]
+    fn scales_of_no_sense_are_said_by_protocol() {
+        let aligned = |image: &str, scale: f64| {
+            let mut row = row(image, 0.1, 100, 0);
+            row.score.fit = Some(Fit { scale, shift: 1.0 });
+            row
+        };
+        let rows = [
+            aligned("a", 2.0),
+            aligned("b", -0.5),
+            aligned("c", 0.0),
+            aligned("d", -1.0),
+        ];
+        let texts = misaligned("m", &rows);
+        assert_eq!(texts.len(), 2);
+        assert!(
+            texts[0].contains("in 2 of 4 images, such as b"),
+            "{texts:?}"
+        );
+        assert!(
+            texts[1].contains("in 1 of 4 images, such as c"),
+            "{texts:?}"
+        );
+        assert!(misaligned("m", &rows[..1]).is_empty());
+        assert!(misaligned("m", &[row("a", 0.1, 1, 0)]).is_empty());
     }
 
     #[test]

@@ -27,13 +27,14 @@ use strat_store::{
 use super::{
     agreement::Agreement,
     findings::{Remark, images_in, remarks},
+    fitting::{self, Fitted},
     identity::Identity,
     ownership::{self, MARK, Planned},
     plan::{self, Plan, PlanError, TableChoice},
     predictions::{MapFault, SavedDescription},
     record::{DataRecord, Failure, ModelRecord, Outcome, ProtocolRecord, RunRecord, TOOL_VERSION},
     sample::{self, SampleError, Scene},
-    score::{self, Predicted, Prediction, Scored},
+    score::{self, Predicted, Prediction, Scored, Seen},
     write::{self, WriteError},
 };
 
@@ -52,9 +53,9 @@ pub enum InMemoryError {
     /// What a run cannot do without.
     #[error("{0} is needed")]
     Nothing(&'static str),
-    /// A protocol asks for more than maps of the images.
+    /// A protocol asks for another kind of maps, or for more than maps of the images.
     #[error("{0}")]
-    Mirrored(String),
+    Unfit(String),
     /// No such image.
     #[error("it is none of the {count} test images of {}", set.display())]
     Unknown {
@@ -104,7 +105,7 @@ pub enum InMemoryError {
 /// Scores one map of any size under protocols: their names with their scores, in the order of the
 /// protocols and, within one, of its groups.
 ///
-/// A map without a scale of its own is scored under the protocols with median scaling.
+/// A map without a scale of its own is scored by medians under protocols that do not align.
 ///
 /// # Errors
 /// The description contradicts itself, the map cannot be what it says, or a protocol lacks something.
@@ -134,23 +135,28 @@ pub fn evaluate_map(
     Ok(named)
 }
 
-/// The protocols for maps of this kind, with a warning where they become others.
+/// The protocols for maps of this kind, with warnings where they become others.
 fn protocols_of(
     name: &str,
     protocols: &[Protocol],
     description: &SavedDescription,
-) -> Result<(Vec<Protocol>, Option<String>), InMemoryError> {
+) -> Result<(Vec<Protocol>, Vec<String>), InMemoryError> {
     description.check().map_err(InMemoryError::Description)?;
-    let (protocols, warning) = plan::protocols_for(name, description.meaning_taken(), protocols);
     if protocols.is_empty() {
         return Err(InMemoryError::Nothing("at least one protocol"));
     }
-    let refusal = protocols
+    let Fitted {
+        protocols,
+        warnings,
+        refused,
+        ..
+    } = fitting::of_maps(name, description, protocols, &[]);
+    let mut mirrored = protocols
         .iter()
-        .find_map(|protocol| plan::no_mirrored_images(name, protocol));
-    match refusal {
-        Some(refusal) => Err(InMemoryError::Mirrored(refusal)),
-        None => Ok((protocols, warning)),
+        .filter_map(|protocol| plan::no_mirrored_images(name, protocol));
+    match refused.into_iter().next().or_else(|| mirrored.next()) {
+        Some(refusal) => Err(InMemoryError::Unfit(refusal)),
+        None => Ok((protocols, warnings)),
     }
 }
 
@@ -164,14 +170,18 @@ fn score_map(
     let meaning = description.meaning_taken();
     let width = map.width as f32;
     let predicted = Predicted {
-        plain: Prediction::new(map, meaning, width),
+        seen: vec![Seen::new(
+            description.crop,
+            Prediction::new(map, meaning, width),
+            None,
+        )],
+        is_cut: true,
         has_scale: meaning.has_scale(),
-        flipped: None,
         image: None,
         // Maps come in any order.
         is_early: false,
     };
-    score::score(scene, protocols, predicted)
+    score::score(scene, protocols, predicted, false)
 }
 
 /// The test images of a prepared set, measured map by map in any order and from any thread.
@@ -225,11 +235,12 @@ impl InMemoryRun {
                 Plan {
                     tables: plan::tables_showing(names),
                     protocols,
+                    sections: Vec::new(),
                     left_out: Vec::new(),
                 }
             }
         };
-        let (protocols, warning) = protocols_of(name, &plan.protocols, &description)?;
+        let (protocols, warnings) = protocols_of(name, &plan.protocols, &description)?;
         let positions = samples.iter().map(|sample| sample.id.clone()).zip(0..);
         Ok(Self {
             name: name.to_owned(),
@@ -242,7 +253,7 @@ impl InMemoryRun {
                 .into_iter()
                 .map(|protocol| (protocol, RowContext::default()))
                 .collect(),
-            warnings: warning.into_iter().collect(),
+            warnings,
             measured: Mutex::new(samples.iter().map(|_| None).collect()),
             started: Instant::now(),
             set,

@@ -108,7 +108,7 @@ impl Journal {
         };
         let kept: Vec<Row> = by_image.values().flatten().cloned().collect();
         let mut bytes = Vec::new();
-        rows::write(&kept, &mut bytes).map_err(failed)?;
+        rows::begin(&kept, &mut bytes).map_err(failed)?;
         // Rows are of what the facts beside them say, so these come when no other rows are there.
         if kept.is_empty() {
             files::remove(path)?;
@@ -189,10 +189,12 @@ mod tests {
         let score = ImageScore {
             group: None,
             metrics,
+            further: None,
             d1_all: None,
             sum_squared_error: 16.0,
             pixels: 1,
             floored_pixels: 0,
+            fit: None,
         };
         let row = |context: &RowContext| Row::new(context, image, score);
         contexts().iter().map(row).collect()

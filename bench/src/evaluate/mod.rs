@@ -2,8 +2,9 @@
 //!
 //! The path is PROTOCOL 3.3: the untouched left image ([`sample`]) is resized to the model's input
 //! size with the model's own kernel, the model runs, its left map is resized bilinearly to the size
-//! of the ground truth, and [`strat_metrics`] scores it ([`score`](mod@score)). [`pipeline`] overlaps
-//! these steps; results come out in the order of the set and do not depend on the number of threads.
+//! of the ground truth, and [`strat_metrics`] scores it ([`score`](mod@score)). Where a
+//! protocol says so, the model is shown a crop ([`crate::view`]); which protocols fit a model's numbers is
+//! in [`fitting`]. [`pipeline`] overlaps these steps; results come out in the order of the set and do not depend on the number of threads.
 //! Beside networks there are [`predictions`] in files and the [`median`] baseline.
 //! [`plan`](mod@plan) says what a set can be measured by, [`record`] what a run leaves behind,
 //! [`write`](mod@write) writes it; [`run`](mod@run) is one run of several models, [`journal`] lets it go on after an
@@ -17,6 +18,7 @@
 pub mod agreement;
 pub mod comparison;
 mod findings;
+pub mod fitting;
 pub mod identity;
 pub mod in_memory;
 pub mod journal;
@@ -45,14 +47,17 @@ use strat_store::{
     set::{PreparedSet, Sample},
 };
 
-use crate::model::{self, InputDescription, Model, ModelInput, ValueEncoding};
+use crate::{
+    model::{self, InputDescription, Model, ModelInput, ValueEncoding},
+    view::View,
+};
 use agreement::ImageAgreement;
 use median::MedianDepth;
 use pipeline::MAX_INITIAL_FAILURES;
 use predictions::SavedPredictions;
 use record::Failure;
 use sample::{Scene, load_image};
-use score::{Predicted, Prediction, Scored};
+use score::{Predicted, Prediction, Scored, Seen};
 use suspicion::{FIRST_IMAGES, Look};
 
 pub use comparison::Comparison;
@@ -111,6 +116,29 @@ pub struct Task<'a> {
     pub protocols: &'a [(Protocol, RowContext)],
     /// Ids of samples of which a picture is wanted.
     pub pictures: &'a BTreeSet<String>,
+    /// The metrics of PROTOCOL 10.3 are wanted as well.
+    pub further: bool,
+    /// Predictions for whole images are wanted, whatever the protocols score.
+    pub whole: bool,
+}
+
+impl Task<'_> {
+    /// What a network has to be shown of each image.
+    fn views(&self) -> Vec<View> {
+        let mut views: Vec<View> = self.whole.then_some(View::Whole).into_iter().collect();
+        for (protocol, _) in self.protocols {
+            let view = View::under(protocol);
+            if !views.contains(&view) {
+                views.push(view);
+            }
+        }
+        views
+    }
+
+    fn score(&self, sample: &Sample, predicted: Predicted) -> Scored {
+        let scene = Scene::of_set(self.set, sample);
+        score::score(scene, self.protocols, predicted, self.further)
+    }
 }
 
 impl Task<'_> {
@@ -231,13 +259,17 @@ pub fn evaluate<O: Observer>(
             let take = |sample: &Sample| {
                 let map = saved.map_of(sample)?;
                 let width = map.width as f32;
-                Ok(Prediction::new(map, saved.meaning(), width))
+                let prediction = Prediction::new(map, saved.meaning(), width);
+                Ok(Seen::new(saved.description.crop, prediction, None))
             };
             let has_scale = saved.meaning().has_scale();
             score_given(&mut collector, take, has_scale, pool, observer)
         }
         Predictor::MedianDepth(median) => {
-            let take = |_: &Sample| Ok(Prediction::ConstantDepthM(median.depth_m.clone()));
+            let take = |_: &Sample| {
+                let prediction = Prediction::ConstantDepthM(median.depth_m.clone());
+                Ok(Seen::new(View::Whole, prediction, None))
+            };
             score_given(&mut collector, take, true, pool, observer)
         }
     };
@@ -264,7 +296,7 @@ pub fn evaluate<O: Observer>(
 /// Each image from its files to its scores on one thread.
 fn score_given<O: Observer>(
     collector: &mut Collector<'_>,
-    take: impl Fn(&Sample) -> Result<Prediction, SampleError> + Sync,
+    take: impl Fn(&Sample) -> Result<Seen, SampleError> + Sync,
     has_scale: bool,
     pool: &rayon::ThreadPool,
     observer: &mut O,
@@ -278,20 +310,19 @@ fn score_given<O: Observer>(
         |_| (),
         |_, ()| ControlFlow::Continue(()),
         |sample, ()| {
-            let plain = take(sample)?;
+            // There is no prediction for the mirrored image.
+            let seen = take(sample)?;
             // The image is for the picture alone; without it there is none.
             let wanted = task.pictures.contains(&sample.id);
             let image = wanted.then(|| load_image(task.set, sample).ok()).flatten();
             let predicted = Predicted {
-                plain,
+                seen: vec![seen],
+                is_cut: true,
                 has_scale,
-                // There is no prediction for the mirrored image.
-                flipped: None,
                 image,
                 is_early: task.is_early(sample),
             };
-            let scene = Scene::of_set(task.set, sample);
-            Ok(score::score(scene, task.protocols, predicted))
+            Ok(task.score(sample, predicted))
         },
         |sample, scored| collector.add(sample, scored, observer),
     )
@@ -307,22 +338,24 @@ fn run_network<O: Observer>(
     let mut protocols = task.protocols.iter();
     let flip = protocols.any(|(protocol, _)| protocol.post_processing == PostProcessing::Flip);
     let input = model.description.input.clone();
+    let views = task.views();
     // Both stages on the calling thread tell it what they have.
     let observer = std::cell::RefCell::new(observer);
     pipeline::run(
         task.samples,
         pipeline::chunk_size(pool),
         pool,
-        |sample| prepare(task, sample, &input),
+        |sample| prepare(task, sample, &input, &views),
         |sample, prepared| {
             if model.has_ended() {
                 return ControlFlow::Break(Ended::Over);
             }
             let is_early = task.is_early(sample);
             let result = prepared.and_then(|prepared| predict(model, prepared, flip, is_early));
-            if let Ok(Predicted { plain, .. }) = &result {
-                let disparity = match plain {
-                    Prediction::DisparityFraction(plane) => Some(plane),
+            if let Ok(Predicted { seen, .. }) = &result {
+                let whole = seen.iter().find(|seen| seen.view == View::Whole);
+                let disparity = match whole.map(Seen::plain) {
+                    Some(Prediction::DisparityFraction(plane)) => Some(plane),
                     _ => None,
                 };
                 if let Err(error) = observer.borrow_mut().predicted(&sample.id, disparity) {
@@ -331,18 +364,15 @@ fn run_network<O: Observer>(
             }
             ControlFlow::Continue(result)
         },
-        |sample, predicted| {
-            let scene = Scene::of_set(task.set, sample);
-            Ok(score::score(scene, task.protocols, predicted?))
-        },
+        |sample, predicted| Ok(task.score(sample, predicted?)),
         |sample, scored| collector.add(sample, scored, &mut **observer.borrow_mut()),
     )
 }
 
-/// What [`model::prepare_input`] gives, on its way to the network; the image itself where a
-/// picture is wanted.
+/// What [`model::prepare_input`] gives, by what is seen of the image, on its way to the network; the
+/// image itself where a picture is wanted.
 struct Prepared {
-    input: ModelInput,
+    inputs: Vec<(View, ModelInput)>,
     image: Option<RgbImage>,
 }
 
@@ -350,40 +380,57 @@ fn prepare(
     task: &Task<'_>,
     sample: &Sample,
     input: &InputDescription,
+    views: &[View],
 ) -> Result<Prepared, SampleError> {
     let image = load_image(task.set, sample)?;
     let focal_px = Some(sample.focal_px).filter(|focal_px| *focal_px > 0.0);
+    let mut inputs = Vec::with_capacity(views.len());
+    for &view in views {
+        let prepared = match view {
+            View::Whole => model::prepare_input(&image, input, focal_px)?,
+            // What cannot be cut is missed by the protocols that need it, and by them alone.
+            View::KittiBenchmark => match view.cut(&image, (sample.width, sample.height)) {
+                Ok(cut) => model::prepare_input(&cut, input, focal_px)?,
+                Err(_) => continue,
+            },
+        };
+        inputs.push((view, prepared));
+    }
     Ok(Prepared {
-        input: model::prepare_input(&image, input, focal_px)?,
+        inputs,
         image: task.pictures.contains(&sample.id).then_some(image),
     })
 }
 
-/// Runs the model once, or twice where flip post-processing is wanted as well.
+/// Runs the model once for each view, or twice where flip post-processing is wanted as well.
 fn predict(
     model: &mut Model,
     prepared: Prepared,
     flip: bool,
     is_early: bool,
 ) -> Result<Predicted, SampleError> {
-    let Prepared { mut input, image } = prepared;
-    let plain = model.predict(&input)?;
-    let mut flipped = None;
-    if flip {
-        model::mirror_input(&mut input, &model.description.input);
-        let mirrored = model.predict(&input)?;
-        flipped = Some(Plane {
-            data: strat_metrics::flip_blend(&plain.data, &mirrored.data, plain.width),
-            ..plain
-        });
-    }
     let width = model.description.input.disparity_width() as f32;
     let meaning = model.description.output.meaning();
+    let mut seen = Vec::with_capacity(prepared.inputs.len());
+    for (view, mut input) in prepared.inputs {
+        let plain = model.predict(&input)?;
+        let mut flipped = None;
+        if flip {
+            model::mirror_input(&mut input, &model.description.input);
+            let mirrored = model.predict(&input)?;
+            flipped = Some(Plane {
+                data: strat_metrics::flip_blend(&plain.data, &mirrored.data, plain.width),
+                ..plain
+            });
+        }
+        let prediction = |plane| Prediction::new(plane, meaning, width);
+        seen.push(Seen::new(view, prediction(plain), flipped.map(prediction)));
+    }
     Ok(Predicted {
-        plain: Prediction::new(plain, meaning, width),
+        seen,
+        is_cut: false,
         has_scale: meaning.has_scale(),
-        flipped: flipped.map(|plane| Prediction::new(plane, meaning, width)),
-        image,
+        image: prepared.image,
         is_early,
     })
 }

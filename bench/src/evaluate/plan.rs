@@ -1,9 +1,6 @@
 //! Which tables a prepared set can fill, and under which protocols it is measured.
 
-use strat_metrics::{
-    GroundTruthKind, Grouping, PostProcessing, Protocol, Suffix, tables::ThesisTable,
-};
-use strat_onnx::metadata::OutputMeaning;
+use strat_metrics::{GroundTruthKind, Grouping, PostProcessing, Protocol, tables::ThesisTable};
 use strat_splits::Role;
 use strat_store::set::{Content, Count, PreparedSet, Sample};
 
@@ -18,7 +15,9 @@ pub enum TableChoice {
     Table33,
     /// Make3D: the figures beside the pictures of figure 3.6.
     Make3d,
-    /// Whatever the prepared set offers.
+    /// Eigen split with improved ground truth: models with and without a scale.
+    Eigen652,
+    /// The tables of the thesis that the prepared set offers.
     All,
 }
 
@@ -88,6 +87,9 @@ pub struct Plan {
     pub tables: Vec<ThesisTable>,
     /// Protocols to evaluate: those of the tables, then those asked for by name.
     pub protocols: Vec<Protocol>,
+    /// Names of protocols that stand here only as sections of a table, which shows each model where it
+    /// fits.
+    pub sections: Vec<String>,
     /// Sentences about tables that were left out of `all`.
     pub left_out: Vec<String>,
 }
@@ -120,21 +122,25 @@ pub fn plan(
         TableChoice::Table32 => Some(ThesisTable::Table32),
         TableChoice::Table33 => Some(ThesisTable::Table33),
         TableChoice::Make3d => Some(ThesisTable::Make3d),
+        TableChoice::Eigen652 => Some(ThesisTable::Eigen652),
         TableChoice::All => None,
     };
     let mut plan = Plan {
         tables: Vec::new(),
         protocols: Vec::new(),
+        sections: Vec::new(),
         left_out: Vec::new(),
     };
     match wanted {
+        // Not one of the thesis', so only on request.
+        Some(table @ ThesisTable::Eigen652) if content == Content::Eigen => plan.tables.push(table),
         Some(table) if !own.contains(&table) => {
             return Err(match own.first() {
                 Some(&instead) => PlanError::WrongSplit {
                     table,
                     needed: match table {
                         ThesisTable::Table31 | ThesisTable::Table32 => Content::Kitti,
-                        ThesisTable::Table33 => Content::Eigen,
+                        ThesisTable::Table33 | ThesisTable::Eigen652 => Content::Eigen,
                         ThesisTable::Make3d => Content::Make3d,
                     },
                     found: content,
@@ -161,7 +167,14 @@ pub fn plan(
         .iter()
         .flat_map(|table| table.protocols().iter().copied())
         .map(str::to_owned);
-    let names: Vec<String> = of_tables.chain(extra_protocols.iter().cloned()).collect();
+    let of_tables: Vec<String> = of_tables.collect();
+    let canonical = |name: &String| strat_metrics::ProtocolName::parse(name).to_string();
+    let asked: Vec<String> = extra_protocols.iter().map(canonical).collect();
+    if plan.tables.contains(&ThesisTable::Eigen652) {
+        let sections = of_tables.iter().filter(|name| !asked.contains(name));
+        plan.sections = sections.cloned().collect();
+    }
+    let names = [&of_tables, extra_protocols].concat();
     plan.protocols = protocols_named(&names, content, samples)?;
     Ok(plan)
 }
@@ -180,7 +193,7 @@ pub fn tables_showing<'a>(protocols: impl IntoIterator<Item = &'a str>) -> Vec<T
 pub fn no_table_shows(protocols: &[String]) -> String {
     format!(
         "no table of the thesis is about {}; the tables are made of rows under kitti2015, semantic, \
-         eigen-80, eigen-50 and make3d-c1",
+         eigen-80, eigen-50, make3d-c1 and the protocols of table eigen-652",
         protocols.join(", ")
     )
 }
@@ -237,36 +250,6 @@ pub fn protocols_named(
         }
     }
     Ok(protocols)
-}
-
-/// The protocols as they apply to predictions of a meaning, and a warning where that makes them
-/// others: what has no scale of its own is scaled by the median of the ground truth.
-#[must_use]
-pub fn protocols_for(
-    name: &str,
-    meaning: OutputMeaning,
-    protocols: &[Protocol],
-) -> (Vec<Protocol>, Option<String>) {
-    if meaning.has_scale() {
-        return (protocols.to_vec(), None);
-    }
-    // What was asked for with the suffix as well is one protocol.
-    let mut scaled: Vec<Protocol> = Vec::new();
-    for protocol in protocols {
-        let protocol = protocol.clone().with(Suffix::Median);
-        if !scaled.contains(&protocol) {
-            scaled.push(protocol);
-        }
-    }
-    let what = match meaning {
-        OutputMeaning::Depth => "depth",
-        _ => "inverse depth",
-    };
-    let warning = format!(
-        "model {name} gives {what} of unknown scale: its predictions are scaled by the \
-         median of the ground truth, and its rows stand in tables of their own"
-    );
-    (scaled, Some(warning))
 }
 
 /// Why predictions that are handed over, and not made here, cannot be measured under a protocol.
@@ -358,6 +341,37 @@ mod tests {
             try_plan(TableChoice::Table32, Content::Kitti, false),
             Err(PlanError::NoLabels)
         );
+    }
+
+    /// The table of newer models is measured on request; what is asked for by name as well is
+    /// measured for every model that it fits.
+    #[test]
+    fn newer_models_have_a_table_on_request() {
+        let mut improved = sample(Content::Eigen, false);
+        improved
+            .depth_annotated
+            .clone_from(&improved.depth_velodyne);
+        let asked = ["eigen-affine-depth".to_owned()];
+        let samples = [improved];
+        let made = plan(
+            TableChoice::Eigen652,
+            &asked,
+            Content::Eigen,
+            &samples,
+            COUNT,
+        )
+        .unwrap();
+        assert_eq!(names(&made), ThesisTable::Eigen652.protocols());
+        assert_eq!(made.sections, &ThesisTable::Eigen652.protocols()[..3]);
+        let all = plan(TableChoice::All, &[], Content::Eigen, &samples, COUNT).unwrap();
+        assert_eq!(
+            (names(&all), all.sections.len()),
+            (vec!["eigen-80", "eigen-50"], 0)
+        );
+        let error = try_plan(TableChoice::Eigen652, Content::Eigen, false).unwrap_err();
+        assert!(error.to_string().contains("--annotated"), "{error}");
+        let error = try_plan(TableChoice::Eigen652, Content::Kitti, false).unwrap_err();
+        assert!(error.to_string().contains("eigen split"), "{error}");
     }
 
     #[test]

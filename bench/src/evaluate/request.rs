@@ -29,6 +29,8 @@ pub struct Request<'a> {
     pub models: &'a [NamedFile],
     /// Predictions that some program has saved.
     pub predictions: &'a [NamedFile],
+    /// Measure the metrics of PROTOCOL 10.3 too.
+    pub further: bool,
     /// Measure the median depth of the training scans, too.
     pub median_baseline: bool,
     /// Folder for the results.

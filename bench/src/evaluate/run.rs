@@ -28,6 +28,7 @@ use super::{
     agreement::Agreement,
     evaluate,
     findings::{Remark, extremes, images_in, remarks},
+    fitting::{self, Fitted},
     identity::Identity,
     journal::{self, Journal},
     median::{self, MedianDepth},
@@ -88,6 +89,8 @@ pub fn run(
         set,
         samples,
         protocols: plan.protocols,
+        sections: plan.sections,
+        further: request.further || plan.tables.contains(&ThesisTable::Eigen652),
         pictured,
         folder,
         earlier,
@@ -143,6 +146,10 @@ struct TableRun<'a> {
     /// The test images that are measured here.
     samples: Vec<Sample>,
     protocols: Vec<Protocol>,
+    /// Protocols of tables that show a model only where it fits.
+    sections: Vec<String>,
+    /// The further metrics are measured.
+    further: bool,
     /// Images of which a picture is wanted.
     pictured: BTreeSet<String>,
     folder: PathBuf,
@@ -263,7 +270,10 @@ impl TableRun<'_> {
                 "predictions {name} do not say what their model was trained on, so leakage cannot be \
                  checked"
             ));
-            let mut protocols = self.protocols_for(name, saved.meaning());
+            let sections = &self.sections;
+            let description = &saved.description;
+            let fitted = fitting::of_maps(name, description, &self.protocols, sections);
+            let mut protocols = self.said(fitted);
             protocols.retain(|protocol| {
                 let refusal = plan::no_mirrored_images(name, protocol);
                 refusal.map(|refusal| self.notes.fail(refusal)).is_none()
@@ -299,24 +309,36 @@ impl TableRun<'_> {
             median::GRID_WIDTH,
             median::GRID_HEIGHT
         );
+        let protocols = self.protocols_for(median::NAME, OutputMeaning::DepthM);
         self.measure(Subject {
             record: ModelRecord {
                 note: Some(note),
                 ..ModelRecord::new(median::NAME, median.digest())
             },
             predictor: Predictor::MedianDepth(&median),
-            protocols: self.protocols.clone(),
+            protocols,
             writer: None,
         })
     }
 
     /// The protocols of a run as they apply to predictions of this meaning.
     fn protocols_for(&mut self, name: &str, meaning: OutputMeaning) -> Vec<Protocol> {
-        let (protocols, warning) = plan::protocols_for(name, meaning, &self.protocols);
-        if let Some(warning) = warning {
+        let fitted = fitting::of_model(name, meaning, &self.protocols, &self.sections);
+        self.said(fitted)
+    }
+
+    /// Says what there is to say about the choice of protocols.
+    fn said(&mut self, fitted: Fitted) -> Vec<Protocol> {
+        for warning in fitted.warnings {
             self.notes.warn(warning);
         }
-        protocols
+        for note in fitted.notes {
+            self.notes.note(&note);
+        }
+        for refusal in fitted.refused {
+            self.notes.fail(refusal);
+        }
+        fitted.protocols
     }
 
     /// Measures a subject and puts what is found with the rest.
@@ -407,6 +429,9 @@ impl TableRun<'_> {
         let mut facts = subject.record.facts();
         facts.add("bench", record::TOOL_VERSION);
         facts.add("prepared set", &self.set.manifest.data_digest);
+        if self.further {
+            facts.add("further metrics", "measured");
+        }
         for context in &contexts {
             facts.add(
                 &format!("protocol {}", context.protocol),
@@ -443,6 +468,8 @@ impl TableRun<'_> {
             samples: &left,
             protocols: &protocols,
             pictures: &self.pictured,
+            further: self.further,
+            whole: saving,
         };
         let Request { pool, quiet, .. } = *self.request;
         let predictor = &mut subject.predictor;
@@ -475,6 +502,7 @@ impl TableRun<'_> {
             let task = Task {
                 samples: &again,
                 pictures: &extremes,
+                whole: false,
                 ..task
             };
             let progress = Progress::new(name, again.len() as u64, "pictures", quiet);

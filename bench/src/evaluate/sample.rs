@@ -14,7 +14,7 @@ use strat_store::{
 };
 
 use super::predictions::{MapFault, SavedError};
-use crate::model::ModelError;
+use crate::{model::ModelError, view::NoCrop};
 
 /// Why one image has no row.
 #[derive(Debug, thiserror::Error)]
@@ -51,6 +51,9 @@ pub enum SampleError {
         /// Height in the row.
         height: u32,
     },
+    /// The image has no such crop.
+    #[error(transparent)]
+    NoCrop(#[from] NoCrop),
     /// The model failed on this image.
     #[error(transparent)]
     Model(#[from] ModelError),

@@ -6,8 +6,8 @@
 use std::path::Path;
 
 use strat_metrics::{
-    Metric, Row, leaderboard, rows,
-    tables::{self, Coverage, Scale, Source, Table, TableError, ThesisTable},
+    Alignment, FurtherMetric, Metric, Row, Suffix, leaderboard, rows,
+    tables::{self, Coverage, Source, Table, TableError, ThesisTable},
 };
 use strat_store::{files, yaml};
 
@@ -122,8 +122,8 @@ pub fn write_tables(
 
 /// The tables, each with the name of its file without extension.
 ///
-/// Models that needed median scaling stand in tables of their own (`-median`), since their
-/// figures are not comparable with the others'.
+/// Models that were aligned with the ground truth stand in tables of their own (`-median`,
+/// `-affine-disparity` and so on), since their figures are not comparable with the others'.
 ///
 /// # Errors
 /// The rows do not fit together.
@@ -135,19 +135,19 @@ pub fn tables_of(
     let mut made = Vec::new();
     for &id in tables {
         let any = |names: &[String]| rows.iter().any(|row| names.contains(&row.context.protocol));
-        let mut scales: Vec<Scale> = Scale::ALL
+        let mut alignments: Vec<Alignment> = Alignment::ALL
             .into_iter()
-            .filter(|scale| any(&id.protocols_at(*scale)))
+            .filter(|alignment| any(&id.protocols_at(*alignment)))
             .collect();
-        if scales.is_empty() {
-            scales.push(Scale::Own);
+        if alignments.is_empty() {
+            alignments.push(Alignment::None);
         }
-        for scale in scales {
-            let protocols = id.protocols_at(scale);
+        for alignment in alignments {
+            let protocols = id.protocols_at(alignment);
             let stem = format!(
                 "table_{}{}",
-                id.to_string().replace('.', "_"),
-                scale.suffix()
+                id.to_string().replace(['.', '-'], "_"),
+                Suffix::of_alignment(alignment).map_or("", Suffix::as_str)
             );
             let protocols: Vec<&str> = protocols.iter().map(String::as_str).collect();
             made.push((stem, tables::build_with(id, &protocols, rows, coverage)?));
@@ -234,12 +234,13 @@ pub fn beside_tables(entries: &[leaderboard::Entry], tables: &[ThesisTable]) -> 
             entry.protocol,
             entry.expected_images.unwrap_or(images)
         );
-        for (metric, (mean, interval)) in Metric::ALL
-            .iter()
-            .zip(entry.metrics.iter().zip(&entry.intervals))
-        {
+        let seven = Metric::ALL.map(Metric::heading).into_iter();
+        let seven = seven.zip(entry.metrics.iter().zip(&entry.intervals));
+        let further = FurtherMetric::ALL.map(FurtherMetric::heading).into_iter();
+        let further = further.zip(entry.further.iter().zip(&entry.further_intervals));
+        for (heading, (mean, interval)) in seven.chain(further) {
             let Some(mean) = mean else { continue };
-            text += &format!(" {} {mean:.3}", metric.heading());
+            text += &format!(" {heading} {mean:.3}");
             if let Some(interval) = interval {
                 text += &format!(" ({:.3} to {:.3})", interval.low, interval.high);
             }

@@ -112,13 +112,8 @@ pub(super) fn to_image(
     let plane = without_padding(plane, input);
     let shown = input.shown;
     let (width, height) = (shown.right - shown.left, shown.bottom - shown.top);
-    let is_depth = !matches!(
-        description.meaning(),
-        OutputMeaning::DisparityFraction
-            | OutputMeaning::DisparityPx
-            | OutputMeaning::InverseDepth
-            | OutputMeaning::InverseDepthPerM
-    );
+    // Of depth in metres 0 is none; without a unit it is a number like any other.
+    let is_depth = description.meaning() == OutputMeaning::DepthM;
     let mut resized = interpolate_f32(&plane, width, height, interpolation, alignment);
     if is_depth {
         clear_mixed(&mut resized, &plane, alignment);

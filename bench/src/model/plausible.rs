@@ -70,8 +70,8 @@ pub fn check_saved(map: Size, image: Size) -> Result<(), Implausible> {
     }
     if IMAGE_SIZED.contains(&across) && IMAGE_SIZED.contains(&down) {
         let hint = "it seems to be cropped or padded; save the map of the whole image, or write \
-                    `stretched: true` into the description if the network was shown the whole image \
-                    at this size";
+                    `crop: kitti-benchmark` into the description if it shows KITTI's benchmark crop, \
+                    or `stretched: true` if the network was shown the whole image at this size";
         return Err(aspect(map, "an image", image, hint));
     }
     Ok(())

@@ -2,8 +2,8 @@
 
 use maud::{Markup, html};
 use strat_metrics::{
-    Grouping, Metric, ProtocolName, Suffix, leaderboard,
-    tables::{self, Scale, ThesisTable},
+    Alignment, Grouping, Metric, ProtocolName, Suffix, leaderboard,
+    tables::{self, ThesisTable},
 };
 
 use super::{
@@ -48,11 +48,17 @@ impl Page {
             .filter(|name| grouping(name) == Grouping::None && ThesisTable::showing(name).is_none())
             .collect();
         let first = names.iter().find(|name| grouping(name) == Grouping::None);
-        // Models of unknown scale are scored by medians under it.
-        let scaled = first.map(|name| ProtocolName::parse(name).with(Suffix::Median).to_string());
+        // Models of unknown scale are aligned under it.
+        let aligned: Vec<String> = Alignment::ALL
+            .into_iter()
+            .filter_map(|alignment| {
+                let suffix = Suffix::of_alignment(alignment)?;
+                Some(ProtocolName::parse(first?).with(suffix).to_string())
+            })
+            .collect();
         let scaled = names
             .iter()
-            .find(|name| Some(*name) != first && Some(*name) == scaled.as_ref());
+            .filter(|name| Some(*name) != first && aligned.contains(name));
         let ranked: Vec<&String> = first.into_iter().chain(scaled).collect();
         html! {
             @if !warnings.is_empty() { (warning("What was warned about during the runs:", &warnings)) }
@@ -80,8 +86,8 @@ impl Page {
     fn tables(&mut self, set: &DataSet, names: &[String]) -> Markup {
         let mut parts = Vec::new();
         for id in ThesisTable::ALL {
-            for scale in Scale::ALL {
-                let own = id.protocols_at(scale);
+            for alignment in Alignment::ALL {
+                let own = id.protocols_at(alignment);
                 if !own.iter().any(|protocol| names.contains(protocol)) {
                     continue;
                 }
@@ -93,7 +99,11 @@ impl Page {
                 parts.push(html! {
                     h3 {
                         "Table " (id)
-                        @if scale == Scale::Median { ", scaled by medians" }
+                        @match alignment {
+                            Alignment::None => {}
+                            Alignment::Median => { ", scaled by medians" }
+                            alignment => { ", aligned: " (alignment) }
+                        }
                         @if id == ThesisTable::Table32 { ": error by semantic group" }
                     }
                     (thesis_table(&table))

@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 use strat_metrics::{
-    Metric,
+    FurtherMetric, Metric,
     leaderboard::Entry,
     published::Marker,
     statistics::Interval,
@@ -109,6 +109,7 @@ pub(super) fn thesis_table(table: &Table) -> Markup {
 
 /// Lines of a leaderboard under protocols that no table is about.
 pub(super) fn entries_table(entries: &[Entry]) -> Markup {
+    let has_further = entries.iter().any(|entry| entry.further != [None; 5]);
     let body = html! {
         table.sortable {
             thead { tr {
@@ -117,6 +118,9 @@ pub(super) fn entries_table(entries: &[Entry]) -> Markup {
                 th.n scope="col" { "Images" }
                 @for metric in Metric::ALL { th.n scope="col" { (metric.heading()) } }
                 th.n scope="col" { "D1-all" }
+                @if has_further {
+                    @for metric in FurtherMetric::ALL { th.n scope="col" { (metric.heading()) } }
+                }
             } }
             tbody {
                 @for entry in entries {
@@ -130,6 +134,11 @@ pub(super) fn entries_table(entries: &[Entry]) -> Markup {
                             (figure(*value, interval))
                         }
                         (figure(entry.d1_all, entry.d1_all_interval))
+                        @if has_further {
+                            @for (value, interval) in entry.further.iter().zip(entry.further_intervals) {
+                                (figure(*value, interval))
+                            }
+                        }
                     }
                 }
             }

@@ -339,10 +339,12 @@ mod tests {
                 let score = ImageScore {
                     group: None,
                     metrics,
+                    further: None,
                     d1_all: None,
                     sum_squared_error: 1.0,
                     pixels: 1,
                     floored_pixels: 0,
+                    fit: None,
                 };
                 let image = format!("2011_09_26_drive_{:04}/{i:010}", i / 2);
                 Row::new(&context, image, score)

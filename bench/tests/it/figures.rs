@@ -189,6 +189,8 @@ fn the_drawn_error_is_the_scored_one() {
             samples: &samples,
             protocols: &[(protocol, context)],
             pictures: &pictures,
+            further: false,
+            whole: false,
         };
         let progress = Progress::new("test", 3, "images", true);
         let predictor = &mut Predictor::Model(&mut model);
@@ -210,7 +212,13 @@ fn the_drawn_error_is_the_scored_one() {
             // Nothing is measured in the upper quarter, and the crop leaves more out.
             let measured = (WIDTH * HEIGHT * 3 / 4) as usize;
             assert_eq!(drawn.len() == measured, !is_cropped);
-            let scale = comparison.scored.as_ref().unwrap().compared.scale;
+            let scale = comparison
+                .scored
+                .as_ref()
+                .unwrap()
+                .compared
+                .fit
+                .map_or(1.0, |fit| fit.scale);
             assert_eq!(scale != 1.0, is_scaled);
             seen.push(abs_rel);
         }

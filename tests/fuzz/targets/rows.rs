@@ -27,10 +27,12 @@ static ROWS: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let score = ImageScore {
         group: None,
         metrics: Metrics::default(),
+        further: None,
         d1_all: Some(1.0),
         sum_squared_error: 2.0,
         pixels: 3,
         floored_pixels: 0,
+        fit: None,
     };
     let made: Vec<Row> = (0..3).map(|i| Row::new(&context, format!("a_drive_b/{i}"), score)).collect();
     let mut bytes = Vec::new();

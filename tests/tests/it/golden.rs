@@ -110,7 +110,7 @@ fn literals_are_read() {
     assert_eq!(found, BTreeSet::from(expected));
 }
 
-/// Nothing in the crates aligns by scale and shift yet; the oracle's own check keeps it true.
+/// The fits against numpy's solver, and maps of known scale.
 #[test]
 fn the_oracle_aligns_as_it_states() {
     if let Some(text) = oracle("alignment.py", &[]) {

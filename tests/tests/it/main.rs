@@ -1,6 +1,7 @@
 //! What holds across crates: the dependency rules, the whole way from images to tables, and real
 //! frames where there are some.
 
+mod aligned;
 mod architecture;
 mod documents;
 mod golden;

@@ -1,6 +1,6 @@
 //! What a configuration must be before anything is made of it.
 
-use strat_metrics::{GroundTruthKind, Grouping, PostProcessing};
+use strat_metrics::{BenchmarkCrop, GroundTruthKind, Grouping, PostProcessing};
 
 use super::settings::Config;
 use crate::error::{Error, Result};
@@ -132,6 +132,9 @@ fn cannot_validate(name: &str) -> Option<&'static str> {
     }
     if protocol.grouping != Grouping::None {
         return Some("which scores parts of an image, and validation scores whole images");
+    }
+    if protocol.benchmark_crop != BenchmarkCrop::None {
+        return Some("which shows the network a crop, and validation shows it whole images");
     }
     match protocol.post_processing {
         PostProcessing::None => None,

@@ -207,6 +207,7 @@ fn protocols_that_validation_cannot_score_are_refused() {
         ("make3d-c1", "laser"),
         ("eigen-80-distance", "parts of an image"),
         ("eigen-80-pp", "twice"),
+        ("eigen-kb-garg", "shows the network a crop"),
     ] {
         let setting = format!("validation.protocol={protocol}");
         let message = Config::resolve("kitti-strat", None, &[setting]).expect_err(protocol);

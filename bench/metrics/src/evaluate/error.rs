@@ -1,6 +1,6 @@
 //! Why an image was not scored.
 
-use crate::protocol::CameraError;
+use crate::protocol::{Alignment, CameraError};
 
 /// Why an image was not scored.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -49,6 +49,70 @@ pub enum EvaluateError {
         column: usize,
         /// The value.
         value: f32,
+    },
+    /// A prediction that is not a number or infinite, where any number would do.
+    #[error(
+        "the predicted {what} at row {row}, column {column} is {value}; predictions must be finite"
+    )]
+    Infinite {
+        /// Depth or inverse depth, in no unit.
+        what: &'static str,
+        /// 0-based row.
+        row: usize,
+        /// 0-based column.
+        column: usize,
+        /// The value.
+        value: f32,
+    },
+    /// A prediction that the protocol's alignment is not for.
+    #[error(
+        "protocol {name} has the alignment `{alignment}`, which does not fit {what}; what fits is {}",
+        fitting.iter().map(|one| format!("`{one}`")).collect::<Vec<_>>().join(", ")
+    )]
+    Alignment {
+        /// Name of the protocol.
+        name: String,
+        /// Its alignment.
+        alignment: Alignment,
+        /// What was predicted.
+        what: &'static str,
+        /// The alignments that fit.
+        fitting: &'static [Alignment],
+    },
+    /// Values from which no scale follows.
+    #[error(
+        "there is nothing to align (`{alignment}`): the prediction {} to be scored",
+        if alignment.is_of_inverse_depth() {
+            "has no inverse depth above 0 at any of the pixels"
+        } else {
+            "is 0 at all pixels"
+        }
+    )]
+    NothingToFit {
+        /// The alignment.
+        alignment: Alignment,
+    },
+    /// A fit that is not finite.
+    #[error(
+        "the alignment `{alignment}` has no finite result: the prediction is infinite at some of the \
+         pixels to be scored, or too large"
+    )]
+    Unbounded {
+        /// The alignment.
+        alignment: Alignment,
+    },
+    /// An image that is too small for KITTI's benchmark crop.
+    #[error(
+        "protocol {name} is about KITTI's benchmark crop, and an image of {width}x{height} is smaller \
+         than its 1216x352"
+    )]
+    TooSmall {
+        /// Name of the protocol.
+        name: String,
+        /// Columns of the image.
+        width: usize,
+        /// Rows of the image.
+        height: usize,
     },
     /// The protocol's camera cannot be had.
     #[error(transparent)]

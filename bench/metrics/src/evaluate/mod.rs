@@ -1,7 +1,7 @@
 //! Scores one image under a [`Protocol`].
 //!
-//! Order of steps, PROTOCOL 3.3 to 3.6 and 3.9: floor the disparity, turn it into depth, choose
-//! the pixels, scale by medians if the protocol says so, clip, measure. Predictions arrive at
+//! Order of steps, PROTOCOL 3.3 to 3.6, 3.9 and 10: floor the disparity, turn it into depth, choose
+//! the pixels, align with the truth if the protocol says so, clip, measure. Predictions arrive at
 //! the size of the ground truth; how they were resized is the caller's business.
 //!
 //! # Precision
@@ -12,33 +12,27 @@
 //! because a depth that is rounded otherwise may fall on the other side of an accuracy
 //! threshold. Everything after that is double precision.
 //!
-//! `truth` is what is known of an image, `score` the steps. Not here: flip post-processing, see
-//! [`flip_blend`](crate::flip_blend).
+//! `truth` is what is known of an image, `alignment` the fit, `score` the steps. Not here: flip
+//! post-processing, see [`flip_blend`](crate::flip_blend).
 
+#[cfg(test)]
+mod aligned_tests;
+mod alignment;
 mod error;
+mod prediction;
 mod score;
 #[cfg(test)]
 mod tests;
 mod truth;
 
+pub use alignment::Fit;
 pub use error::EvaluateError;
+pub use prediction::Prediction;
 pub use score::{Compared, ComparedPixel, ImageScore};
 pub use truth::GroundTruth;
 
 use crate::protocol::Protocol;
-use score::{Predicted, Scene, Scored};
-
-/// A prediction at the size of the ground truth, row-major.
-#[derive(Clone, Copy, Debug)]
-pub enum Prediction<'a> {
-    /// Disparity as a fraction of image width.
-    DisparityFraction(&'a [f32]),
-    /// Depth in metres: for models that do not predict disparity, and for baselines such as a
-    /// constant map. The floor of the protocol does not apply. A depth of 0 is none, as in KITTI's own
-    /// files: such pixels are left out of all figures and counted in
-    /// [`ImageScore::floored_pixels`].
-    DepthM(&'a [f32]),
-}
+use score::Scene;
 
 /// Scores a predicted disparity, given as a fraction of image width at the size of the ground
 /// truth. Returns one score, or one per group that occurs in the image, in table order.
@@ -51,9 +45,8 @@ pub fn evaluate(
     truth: &GroundTruth,
     disparity_fraction: &[f32],
 ) -> Result<Vec<ImageScore>, EvaluateError> {
-    let scene = Scene::new(protocol, truth)?;
     let prediction = Prediction::DisparityFraction(disparity_fraction);
-    Ok(score(&scene, prediction)?.scores)
+    evaluate_prediction(protocol, truth, prediction, false)
 }
 
 /// Scores a predicted depth in metres at the size of the ground truth; see
@@ -66,53 +59,34 @@ pub fn evaluate_depth(
     truth: &GroundTruth,
     depth_m: &[f32],
 ) -> Result<Vec<ImageScore>, EvaluateError> {
-    let scene = Scene::new(protocol, truth)?;
-    Ok(score(&scene, Prediction::DepthM(depth_m))?.scores)
+    evaluate_prediction(protocol, truth, Prediction::DepthM(depth_m), false)
 }
 
-/// Scores a prediction as [`evaluate`] and [`evaluate_depth`] do, and hands out what was compared.
+/// Scores any prediction, if wanted with the `further` metrics of PROTOCOL 10.3.
 ///
 /// # Errors
-/// As for [`evaluate`].
+/// As for [`evaluate_depth`], a prediction that the protocol's alignment does not fit, and values from
+/// which no fit follows.
+pub fn evaluate_prediction(
+    protocol: &Protocol,
+    truth: &GroundTruth,
+    prediction: Prediction<'_>,
+    further: bool,
+) -> Result<Vec<ImageScore>, EvaluateError> {
+    let scene = Scene::new(protocol, truth, prediction)?;
+    Ok(scene.score(further)?.scores)
+}
+
+/// Scores a prediction as [`evaluate_prediction`] does, and hands out what was compared.
+///
+/// # Errors
+/// As for [`evaluate_prediction`].
 pub fn evaluate_with_pixels(
     protocol: &Protocol,
     truth: &GroundTruth,
     prediction: Prediction<'_>,
+    further: bool,
 ) -> Result<(Vec<ImageScore>, Compared), EvaluateError> {
-    let scene = Scene::new(protocol, truth)?;
-    let scored = score(&scene, prediction)?;
-    Ok(match prediction {
-        Prediction::DisparityFraction(fraction) => {
-            let depth_m = fraction.iter().map(|&d| scene.of_disparity(d).depth_m);
-            scored.with_pixels(&scene, depth_m)
-        }
-        Prediction::DepthM(depth_m) => {
-            let (scores, mut compared) = scored.with_pixels(&scene, depth_m.iter().copied());
-            for (scored_m, &depth_m) in compared.predicted_m.iter_mut().zip(depth_m) {
-                if depth_m == 0.0 {
-                    *scored_m = 0.0;
-                }
-            }
-            (scores, compared)
-        }
-    })
-}
-
-fn score(scene: &Scene<'_>, prediction: Prediction<'_>) -> Result<Scored, EvaluateError> {
-    match prediction {
-        Prediction::DisparityFraction(fraction) => {
-            scene.check_prediction("disparity", fraction)?;
-            scene.score(|index| Some(scene.of_disparity(fraction[index])))
-        }
-        Prediction::DepthM(depth_m) => {
-            scene.check_prediction("depth", depth_m)?;
-            scene.score(|index| {
-                (depth_m[index] != 0.0).then(|| Predicted {
-                    depth_m: depth_m[index],
-                    disparity_px: (scene.focal_baseline / f64::from(depth_m[index])) as f32,
-                    floored: false,
-                })
-            })
-        }
-    }
+    let scene = Scene::new(protocol, truth, prediction)?;
+    Ok(scene.score(further)?.with_pixels(&scene))
 }

@@ -1,9 +1,15 @@
-//! A protocol applied to one image: choose the pixels, scale, clip, measure.
+//! A protocol applied to one image: choose the pixels, align, clip, measure.
 
+use super::alignment::{Aligned, Fit};
 use super::error::EvaluateError;
-use super::truth::{GroundTruth, check_plane, check_size};
-use crate::metrics::{Metrics, crop_box, d1_all, depth_metrics, median};
-use crate::protocol::{Camera, Group, Grouping, InfiniteDepth, LogBase, Protocol};
+use super::prediction::Prediction;
+use super::truth::{GroundTruth, check_finite, check_plane, check_size};
+use crate::metrics::{
+    CropBox, FurtherMetrics, Metrics, all_metrics, benchmark_box, crop_box, d1_all, depth_metrics,
+};
+use crate::protocol::{
+    Alignment, BenchmarkCrop, Camera, Group, Grouping, InfiniteDepth, LogBase, Protocol,
+};
 
 /// Score of one image, or of one group of pixels in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,6 +18,8 @@ pub struct ImageScore {
     pub group: Option<Group>,
     /// The seven metrics.
     pub metrics: Metrics,
+    /// The metrics of PROTOCOL 10.3, where they were asked for.
+    pub further: Option<FurtherMetrics>,
     /// D1-all in percent, where the protocol asks for it and the ground truth is disparity.
     pub d1_all: Option<f64>,
     /// Sum of squared errors in m^2, from which pooled errors are made.
@@ -21,6 +29,8 @@ pub struct ImageScore {
     /// Pixels without a usable prediction: disparity that was raised to the floor and is scored
     /// there, or no depth at all, which is in none of the figures and not among `pixels`.
     pub floored_pixels: u64,
+    /// The numbers by which the image was aligned with its truth, under protocols that align.
+    pub fit: Option<Fit>,
 }
 
 /// What one prediction was compared with, and how: what a picture of its error must show.
@@ -30,14 +40,14 @@ pub struct Compared {
     pub width: usize,
     /// Rows of the ground truth.
     pub height: usize,
-    /// What predicted depth was multiplied by (median scaling); 1 without.
-    pub scale: f64,
-    /// Scaled depth was clipped to this, in metres.
+    /// The numbers by which the prediction was aligned; none without alignment.
+    pub fit: Option<Fit>,
+    /// Aligned depth was clipped to this, in metres.
     pub limits_m: (f64, f64),
     /// The scored pixels, row by row; under a protocol with groups those of any group.
     pub pixels: Vec<ComparedPixel>,
-    /// The whole prediction as depth in metres, scaled and clipped like the scored pixels; 0 where a
-    /// map of depth has none.
+    /// The whole prediction as depth in metres, aligned and clipped like the scored pixels; 0 where
+    /// it has none.
     pub predicted_m: Vec<f32>,
 }
 
@@ -48,7 +58,7 @@ pub struct ComparedPixel {
     pub index: usize,
     /// True depth in metres.
     pub truth_m: f64,
-    /// Predicted depth in metres, scaled and clipped.
+    /// Predicted depth in metres, aligned and clipped.
     pub predicted_m: f64,
 }
 
@@ -56,57 +66,67 @@ pub struct ComparedPixel {
 pub(super) struct Scored {
     pub(super) scores: Vec<ImageScore>,
     pixels: Vec<Pixel>,
-    scale: Option<f64>,
+    aligned: Aligned,
 }
 
 impl Scored {
-    /// The scores, and what was compared; `depth_m` is the whole prediction.
-    pub(super) fn with_pixels(
-        self,
-        scene: &Scene<'_>,
-        depth_m: impl Iterator<Item = f32>,
-    ) -> (Vec<ImageScore>, Compared) {
+    /// The scores, and what was compared.
+    pub(super) fn with_pixels(self, scene: &Scene<'_>) -> (Vec<ImageScore>, Compared) {
         let is_grouped = scene.protocol.grouping != Grouping::None;
-        let scored_m = |depth_m| scene.scored_m(depth_m, self.scale);
         let of_pixel = |pixel: &Pixel| ComparedPixel {
             index: pixel.index,
             truth_m: pixel.truth_m,
-            predicted_m: scored_m(pixel.predicted_m),
+            predicted_m: scene.scored_m(pixel.value, self.aligned),
         };
         let scored = |pixel: &&Pixel| !is_grouped || pixel.group.is_some();
+        let whole = 0..scene.truth.width * scene.truth.height;
+        let predicted_m = whole.map(|index| {
+            let predicted = scene.predicted(index);
+            predicted.map_or(0.0, |predicted| {
+                scene.scored_m(predicted.value, self.aligned) as f32
+            })
+        });
         let compared = Compared {
             width: scene.truth.width,
             height: scene.truth.height,
-            scale: self.scale.unwrap_or(1.0),
+            fit: self.aligned.fit,
             limits_m: (f64::from(scene.min_depth_m), f64::from(scene.max_depth_m)),
             pixels: self.pixels.iter().filter(scored).map(of_pixel).collect(),
-            predicted_m: depth_m.map(|depth_m| scored_m(depth_m) as f32).collect(),
+            predicted_m: predicted_m.collect(),
         };
         (self.scores, compared)
     }
 }
 
-pub(super) struct Predicted {
-    pub(super) depth_m: f32,
-    pub(super) disparity_px: f32,
-    pub(super) floored: bool,
+struct Predicted {
+    /// Depth, or inverse depth where that is aligned.
+    value: f64,
+    disparity_px: f32,
+    floored: bool,
 }
 
-/// A protocol and an image that were found to fit each other.
+/// A protocol, an image and a prediction that were found to fit each other.
 pub(super) struct Scene<'a> {
     protocol: &'a Protocol,
     truth: &'a GroundTruth,
-    /// Focal length times baseline: depth = this / disparity in pixels.
-    pub(super) focal_baseline: f64,
+    prediction: Prediction<'a>,
+    /// Focal length times baseline: depth = this / disparity in pixels. 0 where nothing depends on
+    /// the camera.
+    focal_baseline: f64,
     /// Limits as the reference sees them beside single-precision depth.
     min_depth_m: f32,
     max_depth_m: f32,
+    /// Where a prediction is looked at: KITTI's benchmark crop.
+    shown: Option<CropBox>,
+    /// What is scored.
+    crop: CropBox,
 }
 
 struct Pixel {
     index: usize,
     truth_m: f64,
-    predicted_m: f32,
+    /// As in [`Predicted`].
+    value: f64,
     /// True and predicted disparity in pixels.
     disparity_px: (f32, f32),
     floored: bool,
@@ -117,6 +137,7 @@ impl<'a> Scene<'a> {
     pub(super) fn new(
         protocol: &'a Protocol,
         truth: &'a GroundTruth,
+        prediction: Prediction<'a>,
     ) -> Result<Self, EvaluateError> {
         let invalid = |reason| EvaluateError::Protocol {
             name: protocol.name.clone(),
@@ -139,15 +160,6 @@ impl<'a> Scene<'a> {
             return Err(missing("an image of Cityscapes labels"));
         }
 
-        let crop = crop_box(protocol.crop, truth.width, truth.height);
-        if crop.bottom > truth.height || crop.right > truth.width {
-            return Err(EvaluateError::Crop {
-                bottom: crop.bottom,
-                right: crop.right,
-                width: truth.width,
-                height: truth.height,
-            });
-        }
         // The depth plane of stereo ground truth was made with the nominal baseline.
         if protocol.camera == Camera::Calibrated
             && protocol.ground_truth.is_stereo()
@@ -155,39 +167,157 @@ impl<'a> Scene<'a> {
         {
             return Err(missing("ground truth as disparity"));
         }
-        let camera = protocol.camera.resolve(&truth.camera, truth.width)?;
-        Ok(Self {
+        // Relative values need no camera.
+        let needs_camera = protocol.ground_truth.is_stereo()
+            || !matches!(
+                prediction,
+                Prediction::Depth(_) | Prediction::InverseDepth(_)
+            );
+        let focal_baseline = if needs_camera {
+            let camera = protocol.camera.resolve(&truth.camera, truth.width)?;
+            camera.focal_px * camera.baseline_m
+        } else {
+            0.0
+        };
+        let (width, height) = truth.size();
+        let shown = match protocol.benchmark_crop {
+            BenchmarkCrop::None => None,
+            BenchmarkCrop::Image | BenchmarkCrop::ImageAndTruth => {
+                let too_small = || EvaluateError::TooSmall {
+                    name: protocol.name.clone(),
+                    width,
+                    height,
+                };
+                Some(benchmark_box(width, height).ok_or_else(too_small)?)
+            }
+        };
+        // Where the crop's own rows and columns count from.
+        let whole = CropBox {
+            top: 0,
+            bottom: height,
+            left: 0,
+            right: width,
+        };
+        let base = match (protocol.benchmark_crop, shown) {
+            (BenchmarkCrop::ImageAndTruth, Some(shown)) => shown,
+            _ => whole,
+        };
+        let (width, height) = base.size();
+        let crop = crop_box(protocol.crop, width, height);
+        if crop.bottom > height || crop.right > width {
+            return Err(EvaluateError::Crop {
+                bottom: crop.bottom,
+                right: crop.right,
+                width,
+                height,
+            });
+        }
+        let crop = base.placed(crop);
+        let scene = Self {
             protocol,
             truth,
-            focal_baseline: camera.focal_px * camera.baseline_m,
+            prediction,
+            focal_baseline,
             min_depth_m,
             max_depth_m,
-        })
+            shown,
+            crop,
+        };
+        scene.check_prediction()?;
+        Ok(scene)
     }
 
-    pub(super) fn check_prediction(
-        &self,
-        what: &'static str,
-        plane: &[f32],
-    ) -> Result<(), EvaluateError> {
-        check_size(
-            "prediction",
-            plane.len(),
-            self.truth.width,
-            self.truth.height,
-        )?;
-        check_plane(plane, self.truth.width, |row, column, value| {
-            EvaluateError::Prediction {
+    fn check_prediction(&self) -> Result<(), EvaluateError> {
+        use Alignment as A;
+        let (plane, what, fitting): (_, _, &'static [Alignment]) = match self.prediction {
+            Prediction::DisparityFraction(plane) => (plane, "disparity", &A::ALL),
+            Prediction::DepthM(plane) => (plane, "depth", &A::ALL),
+            Prediction::InverseDepth(plane) => (
+                plane,
+                "inverse depth without unit",
+                &[A::ScaleDisparity, A::AffineDisparity],
+            ),
+            Prediction::Depth(plane) => (
+                plane,
+                "depth without unit",
+                &[A::Median, A::ScaleDepth, A::AffineDepth],
+            ),
+        };
+        let Protocol {
+            name, alignment, ..
+        } = self.protocol;
+        if !fitting.contains(alignment) {
+            return Err(EvaluateError::Alignment {
+                name: name.clone(),
+                alignment: *alignment,
                 what,
-                row,
-                column,
-                value,
+                fitting,
+            });
+        }
+        let width = self.truth.width;
+        check_size("prediction", plane.len(), width, self.truth.height)?;
+        match self.prediction {
+            Prediction::DisparityFraction(_) | Prediction::DepthM(_) => {
+                check_plane(plane, width, |row, column, value| {
+                    EvaluateError::Prediction {
+                        what,
+                        row,
+                        column,
+                        value,
+                    }
+                })
             }
-        })
+            Prediction::InverseDepth(_) | Prediction::Depth(_) => {
+                check_finite(plane, width, |row, column, value| EvaluateError::Infinite {
+                    what,
+                    row,
+                    column,
+                    value,
+                })
+            }
+        }
+    }
+
+    /// What is predicted at a pixel; `None` where nothing is.
+    fn predicted(&self, index: usize) -> Option<Predicted> {
+        if let Some(shown) = self.shown {
+            let width = self.truth.width;
+            if !shown.has(index / width, index % width) {
+                return None;
+            }
+        }
+        let of_value = |value: f32| Predicted {
+            value: f64::from(value),
+            disparity_px: 0.0,
+            floored: false,
+        };
+        let aligns_inverse_depth = self.protocol.alignment.is_of_inverse_depth();
+        match self.prediction {
+            Prediction::DisparityFraction(plane) if aligns_inverse_depth => {
+                Some(of_value(plane[index]))
+            }
+            Prediction::DisparityFraction(plane) => Some(self.of_disparity(plane[index])),
+            Prediction::DepthM(plane) => {
+                let depth_m = plane[index];
+                let value = f64::from(depth_m);
+                (depth_m != 0.0).then(|| Predicted {
+                    value: if aligns_inverse_depth {
+                        1.0 / value
+                    } else {
+                        value
+                    },
+                    disparity_px: (self.focal_baseline / value) as f32,
+                    floored: false,
+                })
+            }
+            Prediction::InverseDepth(plane) | Prediction::Depth(plane) => {
+                Some(of_value(plane[index]))
+            }
+        }
     }
 
     /// A disparity, a fraction of the width, as depth; see the precision above.
-    pub(super) fn of_disparity(&self, fraction: f32) -> Predicted {
+    fn of_disparity(&self, fraction: f32) -> Predicted {
         let floor = self.protocol.disparity_floor_fraction as f32;
         let disparity_px = self.truth.width as f32 * fraction.max(floor);
         let depth_m = self.focal_baseline as f32 / disparity_px;
@@ -196,11 +326,11 @@ impl<'a> Scene<'a> {
             InfiniteDepth::NearLimit => 0.0,
         };
         Predicted {
-            depth_m: if depth_m.is_infinite() {
+            value: f64::from(if depth_m.is_infinite() {
                 infinite
             } else {
                 depth_m
-            },
+            }),
             disparity_px,
             floored: fraction < floor,
         }
@@ -238,15 +368,11 @@ impl<'a> Scene<'a> {
         counts.then_some(truth_m)
     }
 
-    pub(super) fn score(
-        &self,
-        predict: impl Fn(usize) -> Option<Predicted>,
-    ) -> Result<Scored, EvaluateError> {
+    pub(super) fn score(&self, further: bool) -> Result<Scored, EvaluateError> {
         let (protocol, truth) = (self.protocol, self.truth);
-        let crop = crop_box(protocol.crop, truth.width, truth.height);
         let mut pixels = Vec::with_capacity(truth.measured.len());
         let mut unpredicted: Vec<Option<Group>> = Vec::new();
-        for index in truth.within(crop) {
+        for index in truth.within(self.crop) {
             let Some(truth_m) = self.truth_m(index) else {
                 continue;
             };
@@ -258,14 +384,14 @@ impl<'a> Scene<'a> {
                     .and_then(|ids| Group::of_label(ids[index])),
                 Grouping::Distance => Group::of_depth(truth_m),
             };
-            let Some(predicted) = predict(index) else {
+            let Some(predicted) = self.predicted(index) else {
                 unpredicted.push(group);
                 continue;
             };
             pixels.push(Pixel {
                 index,
                 truth_m,
-                predicted_m: predicted.depth_m,
+                value: predicted.value,
                 disparity_px: (
                     truth
                         .disparity_px
@@ -278,14 +404,16 @@ impl<'a> Scene<'a> {
             });
         }
 
-        let scale = if protocol.median_scaling {
-            self.median_ratio(&pixels)?
-        } else {
-            None
-        };
+        let pairs = pixels.iter().map(|pixel| (pixel.value, pixel.truth_m));
+        let aligned = Aligned::of_pairs(protocol.alignment, pairs)?;
+        if protocol.alignment.is_of_inverse_depth() {
+            for pixel in &mut pixels {
+                pixel.floored = aligned.is_floored(pixel.value);
+            }
+        }
         let mut scores: Vec<ImageScore> = match protocol.grouping {
             Grouping::None => self
-                .summarise(None, pixels.iter(), scale)
+                .summarise(None, pixels.iter(), aligned, further)
                 .into_iter()
                 .collect(),
             grouping => grouping
@@ -293,7 +421,7 @@ impl<'a> Scene<'a> {
                 .iter()
                 .filter_map(|&group| {
                     let members = pixels.iter().filter(|pixel| pixel.group == Some(group));
-                    self.summarise(Some(group), members, scale)
+                    self.summarise(Some(group), members, aligned, further)
                 })
                 .collect(),
         };
@@ -315,45 +443,39 @@ impl<'a> Scene<'a> {
         Ok(Scored {
             scores,
             pixels,
-            scale,
+            aligned,
         })
     }
 
-    /// A prediction as it is compared: scaled, then clipped.
-    fn scored_m(&self, depth_m: f32, scale: Option<f64>) -> f64 {
-        let scaled = f64::from(depth_m) * scale.unwrap_or(1.0);
-        scaled.clamp(f64::from(self.min_depth_m), f64::from(self.max_depth_m))
-    }
-
-    /// median(true) / median(predicted) over all scored pixels; `None` without pixels.
-    fn median_ratio(&self, pixels: &[Pixel]) -> Result<Option<f64>, EvaluateError> {
-        let mut truth: Vec<f64> = pixels.iter().map(|pixel| pixel.truth_m).collect();
-        let mut predicted: Vec<f64> = pixels.iter().map(|p| f64::from(p.predicted_m)).collect();
-        let (Some(truth), Some(predicted)) = (median(&mut truth), median(&mut predicted)) else {
-            return Ok(None);
-        };
-        if !(predicted.is_finite() && predicted > 0.0) {
-            return Err(EvaluateError::Median(predicted));
-        }
-        Ok(Some(truth / predicted))
+    /// A prediction as it is compared: aligned, then clipped.
+    fn scored_m(&self, value: f64, aligned: Aligned) -> f64 {
+        let depth_m = aligned.depth_m(value);
+        depth_m.clamp(f64::from(self.min_depth_m), f64::from(self.max_depth_m))
     }
 
     fn summarise<'p>(
         &self,
         group: Option<Group>,
         pixels: impl Iterator<Item = &'p Pixel> + Clone,
-        scale: Option<f64>,
+        aligned: Aligned,
+        further: bool,
     ) -> Option<ImageScore> {
-        let compared = |pixel: &Pixel| (pixel.truth_m, self.scored_m(pixel.predicted_m, scale));
+        let strict = self.protocol.strict_comparisons;
+        let compared = |pixel: &Pixel| (pixel.truth_m, self.scored_m(pixel.value, aligned));
         let pairs = pixels.clone().map(compared);
-        let (mut metrics, sum_squared_error) =
-            depth_metrics(pairs, self.protocol.strict_comparisons)?;
+        let (mut metrics, further, sum_squared_error) = if further {
+            let (metrics, further, squared) = all_metrics(pairs, strict)?;
+            (metrics, Some(further), squared)
+        } else {
+            let (metrics, squared) = depth_metrics(pairs, strict)?;
+            (metrics, None, squared)
+        };
         if self.protocol.log_base == LogBase::Ten {
             metrics.rmse_log /= std::f64::consts::LN_10;
         }
-        // Scaled depth no longer belongs to the disparity it was made of.
+        // Aligned depth no longer belongs to the disparity it was made of.
         let d1_all = match self.protocol.d1_rule {
-            Some(rule) if scale.is_none() => {
+            Some(rule) if aligned.fit.is_none() => {
                 d1_all(pixels.clone().map(|pixel| pixel.disparity_px), rule)
             }
             _ => None,
@@ -361,10 +483,12 @@ impl<'a> Scene<'a> {
         Some(ImageScore {
             group,
             metrics,
+            further,
             d1_all,
             sum_squared_error,
             pixels: pixels.clone().count() as u64,
             floored_pixels: pixels.filter(|pixel| pixel.floored).count() as u64,
+            fit: aligned.fit,
         })
     }
 }

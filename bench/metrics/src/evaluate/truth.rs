@@ -192,18 +192,41 @@ pub(super) fn check_size(
     }
 }
 
+/// Every value is finite and not negative.
 pub(super) fn check_plane(
     plane: &[f32],
     width: usize,
     error: impl Fn(usize, usize, f32) -> EvaluateError,
 ) -> Result<(), EvaluateError> {
-    let usable = |value: &f32| *value >= 0.0 && *value <= f32::MAX;
+    check_values(
+        plane,
+        width,
+        |value| value >= 0.0 && value <= f32::MAX,
+        error,
+    )
+}
+
+/// Every value is finite.
+pub(super) fn check_finite(
+    plane: &[f32],
+    width: usize,
+    error: impl Fn(usize, usize, f32) -> EvaluateError,
+) -> Result<(), EvaluateError> {
+    check_values(plane, width, f32::is_finite, error)
+}
+
+fn check_values(
+    plane: &[f32],
+    width: usize,
+    usable: impl Fn(f32) -> bool,
+    error: impl Fn(usize, usize, f32) -> EvaluateError,
+) -> Result<(), EvaluateError> {
     // Whole pieces without a way out are many values at a time for the processor.
-    let piece = |values: &[f32]| values.iter().fold(true, |all, value| all & usable(value));
+    let piece = |values: &[f32]| values.iter().fold(true, |all, value| all & usable(*value));
     if plane.chunks(1024).all(piece) {
         return Ok(());
     }
-    match plane.iter().position(|value| !usable(value)) {
+    match plane.iter().position(|value| !usable(*value)) {
         Some(index) => Err(error(index / width, index % width, plane[index])),
         None => Ok(()),
     }

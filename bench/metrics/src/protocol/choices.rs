@@ -1,5 +1,8 @@
 //! The small choices of a protocol: what is compared, where, and how it is counted.
 
+use std::fmt;
+
+use serde::de::{self, Deserializer, Visitor};
 use serde::{Deserialize, Serialize};
 
 /// Which measured depth a prediction is compared with.
@@ -103,6 +106,124 @@ pub enum D1Rule {
     Inclusive,
     /// Only errors above both limits count as wrong (KITTI 2015 development kit).
     Strict,
+}
+
+/// How a prediction is fitted to the true depth of its own image before it is clipped
+/// (PROTOCOL 10.1): over the scored pixels, by one or two numbers that have seen the truth.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Alignment {
+    /// Not at all: depth is compared as it is.
+    #[default]
+    None,
+    /// Depth times median(true) / median(predicted).
+    Median,
+    /// Depth times the scale of least squares to true depth.
+    ScaleDepth,
+    /// Depth times scale plus shift, by least squares to true depth.
+    AffineDepth,
+    /// Inverse depth times the scale of least squares to 1 / true depth.
+    ScaleDisparity,
+    /// Inverse depth times scale plus shift, by least squares to 1 / true depth.
+    AffineDisparity,
+}
+
+impl Alignment {
+    /// All of them.
+    pub const ALL: [Self; 6] = [
+        Self::None,
+        Self::Median,
+        Self::ScaleDepth,
+        Self::AffineDepth,
+        Self::ScaleDisparity,
+        Self::AffineDisparity,
+    ];
+
+    /// The word in names of protocols and in files.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Median => "median",
+            Self::ScaleDepth => "scale-depth",
+            Self::AffineDepth => "affine-depth",
+            Self::ScaleDisparity => "scale-disparity",
+            Self::AffineDisparity => "affine-disparity",
+        }
+    }
+
+    /// Whether inverse depth is fitted, to 1 / true depth; otherwise depth is, to true depth.
+    #[must_use]
+    pub const fn is_of_inverse_depth(self) -> bool {
+        matches!(self, Self::ScaleDisparity | Self::AffineDisparity)
+    }
+
+    /// Whether a shift is fitted beside the scale.
+    #[must_use]
+    pub const fn has_shift(self) -> bool {
+        matches!(self, Self::AffineDepth | Self::AffineDisparity)
+    }
+
+    /// What the numbers of an aligned image are, for people; `None` without alignment.
+    #[must_use]
+    pub const fn fitted(self) -> Option<&'static str> {
+        match self {
+            Self::None => None,
+            Self::AffineDepth | Self::AffineDisparity => Some("scale and shift"),
+            Self::Median | Self::ScaleDepth | Self::ScaleDisparity => Some("scale"),
+        }
+    }
+}
+
+impl fmt::Display for Alignment {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+/// Also reads `median_scaling: true` or `false`, as earlier versions wrote it.
+impl<'de> Deserialize<'de> for Alignment {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Word;
+        impl Visitor<'_> for Word {
+            type Value = Alignment;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                let words = Alignment::ALL.map(Alignment::as_str).join(", ");
+                write!(f, "one of {words}")
+            }
+
+            fn visit_bool<E: de::Error>(self, is_median: bool) -> Result<Alignment, E> {
+                Ok(if is_median {
+                    Alignment::Median
+                } else {
+                    Alignment::None
+                })
+            }
+
+            fn visit_str<E: de::Error>(self, text: &str) -> Result<Alignment, E> {
+                let mut all = Alignment::ALL.into_iter();
+                all.find(|known| known.as_str() == text)
+                    .ok_or_else(|| E::invalid_value(de::Unexpected::Str(text), &self))
+            }
+        }
+        deserializer.deserialize_any(Word)
+    }
+}
+
+/// Whether KITTI's benchmark crop is in the way (PROTOCOL 10.2): 352 rows and 1216 columns, at the
+/// bottom and in the middle of an image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum BenchmarkCrop {
+    /// The model is shown the whole image.
+    #[default]
+    None,
+    /// The model is shown the crop, its prediction goes back to its place, and the rest of the
+    /// image has none. The crop that is scored is that of the whole image.
+    Image,
+    /// Image and ground truth are cut, and the crop that is scored is that of what is left.
+    ImageAndTruth,
 }
 
 /// What is done with the network's disparity before it is resized.

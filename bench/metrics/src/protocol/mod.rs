@@ -1,7 +1,8 @@
 //! Named, versioned evaluation protocols.
 //!
 //! A [`Protocol`] holds every choice that can change a figure. The values are those of the
-//! reference evaluation of Godard et al. (CVPR 2017), see PROTOCOL 3.1 to 3.9; where the
+//! reference evaluation of Godard et al. (CVPR 2017), see PROTOCOL 3.1 to 3.9, and of models without
+//! a scale PROTOCOL 10; where the
 //! reference has a habit that one would not choose today (truncated crop fractions, ground
 //! truth in a lidar axis, a nominal baseline), the habit is a field here and not a constant
 //! in the arithmetic.
@@ -25,7 +26,10 @@ mod tests;
 mod text;
 
 pub use camera::{Camera, CameraError, KnownCamera, StereoCamera};
-pub use choices::{Crop, D1Rule, GroundTruthKind, InfiniteDepth, LogBase, PostProcessing, Resize};
+pub use choices::{
+    Alignment, BenchmarkCrop, Crop, D1Rule, GroundTruthKind, InfiniteDepth, LogBase,
+    PostProcessing, Resize,
+};
 pub use group::{Group, Grouping, UnknownGroup};
 pub(crate) use name::canonical;
 pub use name::{ProtocolName, Suffix, protocol};

@@ -6,7 +6,7 @@
 
 use std::fmt;
 
-use super::choices::{Crop, PostProcessing};
+use super::choices::{Alignment, Crop, PostProcessing};
 use super::group::Grouping;
 use super::registry::named;
 use super::rules::Protocol;
@@ -20,20 +20,30 @@ pub enum Suffix {
     Flip,
     /// `-distance`: pixels scored by their true depth.
     Distance,
-    /// `-median`: each prediction scaled by medians.
-    Median,
+    /// `-median`, `-affine-disparity` and so on: each prediction aligned with its image's truth.
+    Align(Alignment),
 }
 
 impl Suffix {
     /// All suffixes in the order in which they stand in a name.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 10] = [
         Self::Crop(Crop::None),
         Self::Crop(Crop::Garg),
         Self::Crop(Crop::Eigen),
         Self::Flip,
         Self::Distance,
-        Self::Median,
+        Self::Align(Alignment::Median),
+        Self::Align(Alignment::ScaleDepth),
+        Self::Align(Alignment::AffineDepth),
+        Self::Align(Alignment::ScaleDisparity),
+        Self::Align(Alignment::AffineDisparity),
     ];
+
+    /// The suffix of an alignment; `None` for the one that changes nothing.
+    #[must_use]
+    pub fn of_alignment(alignment: Alignment) -> Option<Self> {
+        (alignment != Alignment::None).then_some(Self::Align(alignment))
+    }
 
     /// The suffix with its hyphen.
     #[must_use]
@@ -46,18 +56,28 @@ impl Suffix {
             Self::Crop(Crop::Pixels { .. }) => "",
             Self::Flip => "-pp",
             Self::Distance => "-distance",
-            Self::Median => "-median",
+            Self::Align(Alignment::None) => "",
+            Self::Align(Alignment::Median) => "-median",
+            Self::Align(Alignment::ScaleDepth) => "-scale-depth",
+            Self::Align(Alignment::AffineDepth) => "-affine-depth",
+            Self::Align(Alignment::ScaleDisparity) => "-scale-disparity",
+            Self::Align(Alignment::AffineDisparity) => "-affine-disparity",
         }
     }
 
     /// True if the rules are already what the suffix would make of them, or cannot become it: a
-    /// protocol with groups keeps them.
+    /// protocol with groups keeps them, and one whose own alignment is by least squares keeps that.
     fn says_nothing(self, rules: &Protocol) -> bool {
         match self {
             Self::Crop(crop) => rules.crop == crop,
             Self::Flip => rules.post_processing == PostProcessing::Flip,
             Self::Distance => rules.grouping != Grouping::None,
-            Self::Median => rules.median_scaling,
+            // No suffix takes an alignment away, and only that by medians gives way to another.
+            Self::Align(Alignment::None) => true,
+            Self::Align(alignment) => {
+                rules.alignment == alignment
+                    || !matches!(rules.alignment, Alignment::None | Alignment::Median)
+            }
         }
     }
 
@@ -66,12 +86,16 @@ impl Suffix {
             Self::Crop(crop) => rules.crop = crop,
             Self::Flip => rules.post_processing = PostProcessing::Flip,
             Self::Distance => rules.grouping = Grouping::Distance,
-            Self::Median => rules.median_scaling = true,
+            Self::Align(alignment) => rules.alignment = alignment,
         }
     }
 
     fn excludes(self, other: Self) -> bool {
-        self == other || matches!((self, other), (Self::Crop(_), Self::Crop(_)))
+        self == other
+            || matches!(
+                (self, other),
+                (Self::Crop(_), Self::Crop(_)) | (Self::Align(_), Self::Align(_))
+            )
     }
 }
 

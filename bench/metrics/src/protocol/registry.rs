@@ -4,7 +4,8 @@ use std::sync::LazyLock;
 
 use super::camera::Camera;
 use super::choices::{
-    Crop, D1Rule, GroundTruthKind, InfiniteDepth, LogBase, PostProcessing, Resize,
+    Alignment, BenchmarkCrop, Crop, D1Rule, GroundTruthKind, InfiniteDepth, LogBase,
+    PostProcessing, Resize,
 };
 use super::group::Grouping;
 use super::rules::Protocol;
@@ -23,12 +24,13 @@ impl Protocol {
             strict_comparisons: true,
             disparity_floor_fraction: 1e-4,
             infinite_depth: InfiniteDepth::FarLimit,
-            median_scaling: false,
+            alignment: Alignment::None,
             post_processing: PostProcessing::None,
             d1_rule: Some(D1Rule::Inclusive),
             grouping: Grouping::None,
             resize: Resize::DisparityBilinear,
             log_base: LogBase::Natural,
+            benchmark_crop: BenchmarkCrop::None,
         }
     }
 
@@ -45,12 +47,24 @@ impl Protocol {
             strict_comparisons: true,
             disparity_floor_fraction: 1e-4,
             infinite_depth: InfiniteDepth::NearLimit,
-            median_scaling: false,
+            alignment: Alignment::None,
             post_processing: PostProcessing::None,
             d1_rule: None,
             grouping: Grouping::None,
             resize: Resize::DisparityBilinear,
             log_base: LogBase::Natural,
+            benchmark_crop: BenchmarkCrop::None,
+        }
+    }
+
+    /// PROTOCOL 10.4: what models up to scale and shift are published under.
+    fn eigen_affine(alignment: Alignment) -> Self {
+        let name = format!("eigen-{alignment}");
+        Self {
+            crop: Crop::Eigen,
+            alignment,
+            benchmark_crop: BenchmarkCrop::ImageAndTruth,
+            ..Self::eigen(&name, GroundTruthKind::Annotated, 1e-5, 80.0)
         }
     }
 }
@@ -99,11 +113,23 @@ pub fn protocols() -> Vec<Protocol> {
         Protocol {
             camera: Camera::Unknown,
             crop: Crop::None,
-            median_scaling: true,
+            alignment: Alignment::Median,
             resize: Resize::DepthNearest,
             log_base: LogBase::Ten,
             ..Protocol::eigen("make3d-c1", Laser, 1e-3, 70.0)
         },
+        // PROTOCOL 10.4. Version 1 of this name was `eigen-improved` with Garg's crop, where every
+        // measured pixel counted, whatever its depth.
+        Protocol {
+            version: 2,
+            ..Protocol::eigen("eigen-improved-garg", Annotated, 1e-3, 80.0)
+        },
+        Protocol {
+            benchmark_crop: BenchmarkCrop::Image,
+            ..Protocol::eigen("eigen-kb-garg", Annotated, 1e-3, 80.0)
+        },
+        Protocol::eigen_affine(Alignment::AffineDisparity),
+        Protocol::eigen_affine(Alignment::AffineDepth),
     ]
 }
 

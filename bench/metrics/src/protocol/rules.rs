@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::camera::Camera;
 use super::choices::{
-    Crop, D1Rule, GroundTruthKind, InfiniteDepth, LogBase, PostProcessing, Resize,
+    Alignment, BenchmarkCrop, Crop, D1Rule, GroundTruthKind, InfiniteDepth, LogBase,
+    PostProcessing, Resize,
 };
 use super::group::Grouping;
 
@@ -39,9 +40,10 @@ pub struct Protocol {
     pub disparity_floor_fraction: f64,
     /// What becomes of infinite depth where there is no floor.
     pub infinite_depth: InfiniteDepth,
-    /// Multiply each prediction by median(true) / median(predicted) before clipping. Only for
-    /// methods that cannot know the scale.
-    pub median_scaling: bool,
+    /// How each prediction is fitted to the truth before clipping. Only for methods that cannot
+    /// know the scale.
+    #[serde(default, alias = "median_scaling")]
+    pub alignment: Alignment,
     /// What is done with the disparity before it is resized.
     pub post_processing: PostProcessing,
     /// How D1-all counts, for protocols that report it.
@@ -54,6 +56,9 @@ pub struct Protocol {
     /// Base of the logarithm in `rmse_log`.
     #[serde(default)]
     pub log_base: LogBase,
+    /// Whether models are shown KITTI's benchmark crop of an image.
+    #[serde(default)]
+    pub benchmark_crop: BenchmarkCrop,
 }
 
 impl Protocol {
@@ -124,13 +129,17 @@ impl Protocol {
         }
         if self.ground_truth == GroundTruthKind::Laser
             && self.camera == Camera::Calibrated
-            && !self.median_scaling
+            && self.alignment == Alignment::None
         {
             return Err(
                 "the laser's grid has other columns than the image whose calibration it would \
-                 take, so it needs `median_scaling: true` or another camera"
+                 take, so it needs an alignment, such as `alignment: median`, or another camera"
                     .to_owned(),
             );
+        }
+        if self.benchmark_crop != BenchmarkCrop::None && self.ground_truth == GroundTruthKind::Laser
+        {
+            return Err("the laser's grid has no crop of KITTI's benchmark".to_owned());
         }
         if self.d1_rule.is_some() && !self.ground_truth.is_stereo() {
             return Err("D1-all needs ground truth that is disparity".to_owned());

@@ -2,6 +2,8 @@ use std::collections::BTreeSet;
 
 use super::*;
 
+const MEDIAN: Suffix = Suffix::Align(Alignment::Median);
+
 #[test]
 fn names_are_found_and_digests_differ() {
     let all = protocols();
@@ -9,7 +11,7 @@ fn names_are_found_and_digests_differ() {
         assert_eq!(protocol(&known.name).as_ref(), Some(known));
     }
     let digests: BTreeSet<String> = all.iter().map(Protocol::digest).collect();
-    assert_eq!((all.len(), digests.len()), (12, 12));
+    assert_eq!((all.len(), digests.len()), (16, 16));
     assert!(all.iter().all(|known| known.check().is_ok()));
     assert_eq!(protocol("eigen"), None);
 }
@@ -46,7 +48,7 @@ fn the_canonical_text_names_every_choice() {
 #[test]
 fn suffixes_change_the_rules() {
     let both = protocol("eigen-80-pp-median").unwrap();
-    assert!(both.median_scaling && both.post_processing == PostProcessing::Flip);
+    assert!(both.alignment == Alignment::Median && both.post_processing == PostProcessing::Flip);
     assert_eq!(both.name, "eigen-80-pp-median");
     assert_ne!(both.digest(), protocol("eigen-80-pp").unwrap().digest());
     assert_eq!(protocol("eigen-80-pp-pp"), None);
@@ -65,7 +67,7 @@ fn suffixes_change_the_rules() {
     assert_eq!(protocol("kitti2015-nocrop"), None);
     assert_eq!(protocol("eigen-80-nocrop-eigencrop"), None);
     let far = protocol("eigen-80-distance-median").unwrap();
-    assert!(far.grouping == Grouping::Distance && far.median_scaling);
+    assert!(far.grouping == Grouping::Distance && far.alignment == Alignment::Median);
     assert_eq!(protocol("semantic-distance"), None);
     assert_eq!(protocol("eigen-80-distance-distance"), None);
     // The scale of Make3D is always the median's.
@@ -73,8 +75,10 @@ fn suffixes_change_the_rules() {
 }
 
 /// All sets of suffixes in all orders: one protocol, one name, one digest. By hand: one of three
-/// crops, with or without flip, distance and median, less the plain name: 3 * 8 - 1 = 23 protocols.
-/// Without another crop 3 + 3 * 2! + 3! = 15 spellings, with one 1 + 3 * 2! + 3 * 3! + 4! = 49.
+/// crops, with or without flip and distance, one of six alignments, less the plain name: 3 * 2 * 2 *
+/// 6 - 1 = 71 protocols. Spellings: sets of n suffixes have n! each. Of the four kinds (two crops, flip,
+/// distance, five alignments) there are 9 sets of one, 2 * 1 + 2 * 1 + 2 * 5 + 1 + 5 + 5 = 25 of two,
+/// 2 + 10 + 10 + 5 = 27 of three and 10 of four: 9 + 25 * 2 + 27 * 6 + 10 * 24 = 461.
 #[test]
 fn every_order_of_suffixes_is_the_same_protocol() {
     fn spellings(name: &str, left: &[Suffix], all: &mut Vec<String>) {
@@ -82,8 +86,10 @@ fn every_order_of_suffixes_is_the_same_protocol() {
             let longer = format!("{name}{}", suffix.as_str());
             let mut rest = left.to_vec();
             rest.remove(index);
-            if matches!(suffix, Suffix::Crop(_)) {
-                rest.retain(|other| !matches!(other, Suffix::Crop(_)));
+            match suffix {
+                Suffix::Crop(_) => rest.retain(|other| !matches!(other, Suffix::Crop(_))),
+                Suffix::Align(_) => rest.retain(|other| !matches!(other, Suffix::Align(_))),
+                Suffix::Flip | Suffix::Distance => {}
             }
             all.push(longer.clone());
             spellings(&longer, &rest, all);
@@ -93,23 +99,133 @@ fn every_order_of_suffixes_is_the_same_protocol() {
     let left: Vec<Suffix> = Suffix::ALL.into_iter().filter(|s| *s != own).collect();
     let mut all = Vec::new();
     spellings("eigen-80", &left, &mut all);
-    assert_eq!(all.len(), 15 + 2 * 49);
+    assert_eq!(all.len(), 461);
     let mut made: BTreeSet<(String, String)> = BTreeSet::new();
     for spelling in &all {
         let rules = protocol(spelling).unwrap();
         assert_eq!(rules.check(), Ok(()), "{spelling}");
         assert_eq!(protocol(&rules.name).as_ref(), Some(&rules), "{spelling}");
         // What a model of unknown scale makes of it.
-        let scaled = rules.clone().with(Suffix::Median);
-        assert!(scaled.name.ends_with("-median") && protocol(&scaled.name) == Some(scaled));
+        if rules.alignment == Alignment::None {
+            let scaled = rules.clone().with(MEDIAN);
+            assert!(scaled.name.ends_with("-median") && protocol(&scaled.name) == Some(scaled));
+        }
         made.insert((rules.digest(), rules.name));
     }
     let names: BTreeSet<&String> = made.iter().map(|(_, name)| name).collect();
-    assert_eq!((made.len(), names.len()), (23, 23));
+    assert_eq!((made.len(), names.len()), (71, 71));
     // No base may end like a suffix, or its name would be taken apart.
     for known in protocols() {
         assert_eq!(ProtocolName::parse(&known.name).base(), known.name);
     }
+}
+
+/// What a protocol aligns is part of its digest, and only where it is not an old habit of its text.
+#[test]
+fn alignments_are_part_of_the_rules() {
+    let affine = protocol("eigen-80-affine-disparity").unwrap();
+    assert_eq!(affine.alignment, Alignment::AffineDisparity);
+    assert!(
+        affine
+            .canonical_text()
+            .ends_with("images\nalignment=affine-disparity\n")
+    );
+    assert!(affine.describe().contains("both have seen the truth"));
+    let names = Alignment::ALL.map(|alignment| match Suffix::of_alignment(alignment) {
+        Some(suffix) => format!("eigen-80{}", suffix.as_str()),
+        None => "eigen-80".to_owned(),
+    });
+    let digests: BTreeSet<String> = names
+        .iter()
+        .map(|n| protocol(n).unwrap().digest())
+        .collect();
+    assert_eq!(digests.len(), Alignment::ALL.len());
+    // Nothing takes an alignment away or contradicts one by least squares.
+    let none = Suffix::Align(Alignment::None);
+    assert_eq!(affine.clone().with(none), affine);
+    assert_eq!(affine.clone().with(MEDIAN), affine);
+    for wrong in [
+        "eigen-80-median-affine-depth",
+        "eigen-affine-depth-median",
+        "eigen-affine-depth-affine-depth",
+    ] {
+        assert_eq!(protocol(wrong), None, "{wrong}");
+    }
+    let make3d = protocol("make3d-c1-affine-disparity").unwrap();
+    assert_eq!(make3d.alignment, Alignment::AffineDisparity);
+}
+
+/// The table of PROTOCOL 10.4.
+#[test]
+fn protocols_of_newer_models() {
+    for (name, crop, min_depth_m, benchmark_crop, alignment) in [
+        (
+            "eigen-improved-garg",
+            Crop::Garg,
+            1e-3,
+            BenchmarkCrop::None,
+            Alignment::None,
+        ),
+        (
+            "eigen-kb-garg",
+            Crop::Garg,
+            1e-3,
+            BenchmarkCrop::Image,
+            Alignment::None,
+        ),
+        (
+            "eigen-affine-disparity",
+            Crop::Eigen,
+            1e-5,
+            BenchmarkCrop::ImageAndTruth,
+            Alignment::AffineDisparity,
+        ),
+        (
+            "eigen-affine-depth",
+            Crop::Eigen,
+            1e-5,
+            BenchmarkCrop::ImageAndTruth,
+            Alignment::AffineDepth,
+        ),
+    ] {
+        let rules = protocol(name).unwrap();
+        assert_eq!(rules.ground_truth, GroundTruthKind::Annotated);
+        assert_eq!(
+            (rules.crop, rules.benchmark_crop),
+            (crop, benchmark_crop),
+            "{name}"
+        );
+        assert_eq!(
+            (rules.min_depth_m, rules.max_depth_m),
+            (min_depth_m, 80.0),
+            "{name}"
+        );
+        assert_eq!(rules.alignment, alignment, "{name}");
+        assert!(
+            rules.mask_ground_truth && rules.strict_comparisons,
+            "{name}"
+        );
+    }
+    let kb = protocol("eigen-kb-garg").unwrap();
+    assert!(kb.canonical_text().ends_with("\nbenchmark_crop=image\n"));
+    assert!(kb.describe().contains("goes back to its place"));
+}
+
+/// Runs and files of earlier versions say `median_scaling`.
+#[test]
+fn old_words_of_alignment_are_read() {
+    let text = serde_yaml::to_string(&protocol("eigen-80-median").unwrap()).unwrap();
+    assert!(text.contains("alignment: median"), "{text}");
+    for (old, alignment) in [("true", Alignment::Median), ("false", Alignment::None)] {
+        let old = text.replace("alignment: median", &format!("median_scaling: {old}"));
+        let read: Protocol = serde_yaml::from_str(&old).unwrap();
+        assert_eq!(read.alignment, alignment);
+    }
+    let wrong = text.replace("alignment: median", "alignment: affine");
+    let error = serde_yaml::from_str::<Protocol>(&wrong)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("affine-disparity"), "{error}");
 }
 
 /// A name in a file of the user's own is not known here; its suffixes still find their places.
@@ -119,12 +235,12 @@ fn names_of_ones_own_take_suffixes_too() {
         name: "mine".to_owned(),
         ..protocol("eigen-80").unwrap()
     };
-    let both = mine.with(Suffix::Median).with(Suffix::Flip);
+    let both = mine.with(MEDIAN).with(Suffix::Flip);
     assert_eq!(both.name, "mine-pp-median");
-    assert_eq!(both.clone().with(Suffix::Median), both);
+    assert_eq!(both.clone().with(MEDIAN), both);
     let name = ProtocolName::parse("mine-median-pp");
     assert_eq!((name.base(), name.has(Suffix::Flip)), ("mine", true));
-    assert_eq!(name.without(Suffix::Median).to_string(), "mine-pp");
+    assert_eq!(name.without(MEDIAN).to_string(), "mine-pp");
 }
 
 /// Rows of an earlier version may name a protocol in any order of suffixes, under a digest that

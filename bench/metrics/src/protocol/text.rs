@@ -2,7 +2,8 @@
 
 use super::camera::Camera;
 use super::choices::{
-    Crop, D1Rule, GroundTruthKind, InfiniteDepth, LogBase, PostProcessing, Resize,
+    Alignment, BenchmarkCrop, Crop, D1Rule, GroundTruthKind, InfiniteDepth, LogBase,
+    PostProcessing, Resize,
 };
 use super::group::{Group, Grouping};
 use super::rules::Protocol;
@@ -64,12 +65,13 @@ impl Protocol {
             strict_comparisons,
             disparity_floor_fraction,
             infinite_depth,
-            median_scaling,
+            alignment,
             post_processing,
             d1_rule,
             grouping,
             resize,
             log_base,
+            benchmark_crop,
         } = self;
         let ground_truth = match ground_truth {
             GroundTruthKind::StereoNoc => "stereo-noc",
@@ -130,6 +132,16 @@ impl Protocol {
             LogBase::Natural => "",
             LogBase::Ten => "log_base=10\n",
         };
+        let median_scaling = *alignment == Alignment::Median;
+        let alignment = match alignment {
+            Alignment::None | Alignment::Median => String::new(),
+            alignment => format!("alignment={alignment}\n"),
+        };
+        let benchmark_crop = match benchmark_crop {
+            BenchmarkCrop::None => "",
+            BenchmarkCrop::Image => "benchmark_crop=image\n",
+            BenchmarkCrop::ImageAndTruth => "benchmark_crop=image-and-truth\n",
+        };
         format!(
             "name={name}\nversion={version}\nground_truth={ground_truth}\ncamera={camera}\n\
              crop={crop}\nmin_depth_m={min_depth_m:?}\nmax_depth_m={max_depth_m:?}\n\
@@ -137,7 +149,8 @@ impl Protocol {
              disparity_floor_fraction={disparity_floor_fraction:?}\n\
              infinite_depth={infinite_depth}\nmedian_scaling={median_scaling}\n\
              post_processing={post_processing}\nd1={d1_rule}\ngrouping={grouping}\n\
-             resize={resize}\naveraging=unweighted-mean-over-images\n{log_base}"
+             resize={resize}\naveraging=unweighted-mean-over-images\n\
+             {log_base}{alignment}{benchmark_crop}"
         )
     }
 
@@ -187,7 +200,7 @@ impl Protocol {
                 "Camera: focal length {focal_fraction} of the image width and baseline \
                  {baseline_m} m for every image."
             ),
-            Camera::Unknown if self.median_scaling => {
+            Camera::Unknown if self.alignment != Alignment::None => {
                 "Camera: none; depth is 1 / disparity and gets its unit from the scale.".to_owned()
             }
             Camera::Unknown => {
@@ -207,6 +220,19 @@ impl Protocol {
             }
             .to_owned(),
         );
+        match self.benchmark_crop {
+            BenchmarkCrop::None => {}
+            BenchmarkCrop::Image => lines.push(
+                "Image: KITTI's benchmark crop, 352 rows and 1216 columns, bottom and middle; the \
+                 prediction goes back to its place, and the rest of the image has none."
+                    .to_owned(),
+            ),
+            BenchmarkCrop::ImageAndTruth => lines.push(
+                "Image: KITTI's benchmark crop, 352 rows and 1216 columns, bottom and middle; the \
+                 ground truth is cut like the image."
+                    .to_owned(),
+            ),
+        }
         if self.post_processing == PostProcessing::Flip {
             lines.push(
                 "Post-processing: blended with the prediction for the mirrored image.".to_owned(),
@@ -220,8 +246,12 @@ impl Protocol {
             (_, None) => "Crop: none.".to_owned(),
             (_, Some([top, bottom, left, right])) => format!(
                 "Crop: {:?}, rows {top} to {bottom} of the height, columns {left} to {right} of \
-                 the width, products truncated.",
-                self.crop
+                 the width{}, products truncated.",
+                self.crop,
+                match self.benchmark_crop {
+                    BenchmarkCrop::ImageAndTruth => " of what is left",
+                    BenchmarkCrop::None | BenchmarkCrop::Image => "",
+                }
             ),
         });
         let limits = if self.strict_comparisons {
@@ -237,7 +267,12 @@ impl Protocol {
         } else {
             "Pixels: all with ground truth, whatever their depth.".to_owned()
         });
-        if self.disparity_floor_fraction > 0.0 {
+        if self.alignment.is_of_inverse_depth() {
+            lines.push(
+                "Floor: aligned inverse depth below 0.001 per metre is raised to it and counted."
+                    .to_owned(),
+            );
+        } else if self.disparity_floor_fraction > 0.0 {
             lines.push(format!(
                 "Floor: disparities below {} of the width are raised to it and counted.",
                 self.disparity_floor_fraction
@@ -251,12 +286,30 @@ impl Protocol {
                 }
             ));
         }
-        if self.median_scaling {
-            lines.push(
-                "Scale: each prediction is multiplied by median(true) / median(predicted)."
-                    .to_owned(),
-            );
-        }
+        let fitted = match self.alignment {
+            Alignment::None => None,
+            Alignment::Median => {
+                Some("Scale: each prediction is multiplied by median(true) / median(predicted).")
+            }
+            Alignment::ScaleDepth => Some(
+                "Alignment: each image's depth is multiplied by a scale, by least squares to the \
+                 true depth, which the scale has seen.",
+            ),
+            Alignment::AffineDepth => Some(
+                "Alignment: each image's depth is multiplied by a scale and moved by a shift, by \
+                 least squares to the true depth, which both have seen.",
+            ),
+            Alignment::ScaleDisparity => Some(
+                "Alignment: each image's inverse depth is multiplied by a scale, by least squares \
+                 to 1 / true depth where it is above 0; the scale has seen the truth.",
+            ),
+            Alignment::AffineDisparity => Some(
+                "Alignment: each image's inverse depth is multiplied by a scale and moved by a \
+                 shift, by least squares to 1 / true depth where it is above 0; both have seen the \
+                 truth.",
+            ),
+        };
+        lines.extend(fitted.map(str::to_owned));
         lines.push(format!(
             "Clip: predictions to {} m .. {} m.",
             self.min_depth_m, self.max_depth_m

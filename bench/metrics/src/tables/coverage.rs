@@ -2,6 +2,10 @@
 
 use std::fmt;
 
+use strat_splits::{eigen_test, has_annotated_depth};
+
+use crate::protocol::GroundTruthKind;
+
 /// What the measured rows are part of.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Coverage {
@@ -9,6 +13,22 @@ pub struct Coverage {
     pub expected_images: u64,
     /// Where the images come from.
     pub source: Source,
+}
+
+impl Coverage {
+    /// Images that a protocol can be measured on: ground truth that is known to cover fewer of them
+    /// makes a test set complete with those.
+    #[must_use]
+    pub fn under(&self, protocol: &str) -> u64 {
+        let truth = crate::protocol(protocol).map(|protocol| protocol.ground_truth);
+        let eigen = eigen_test();
+        match truth {
+            Some(GroundTruthKind::Annotated) if self.expected_images == eigen.len() as u64 => {
+                eigen.iter().filter(|f| has_annotated_depth(**f)).count() as u64
+            }
+            _ => self.expected_images,
+        }
+    }
 }
 
 /// Where the images of a prepared set come from.

@@ -37,7 +37,7 @@ impl Table {
         let per_image = "Mean over the images that contain the group";
         let pooled = "Root of the mean over all pixels of the group";
         for (heading, is_pooled) in [(per_image, false), (pooled, true)] {
-            let mut section = part.section(Some(heading.to_owned()), coverage);
+            let mut section = part.section(Some(heading.to_owned()));
             let mut bounds: Vec<Vec<String>> = vec![Vec::new(); part.models.len()];
             for group in Group::SEMANTIC {
                 let mut line = Line {

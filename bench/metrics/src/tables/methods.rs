@@ -1,18 +1,24 @@
-//! Tables 3.1 and 3.3 and the one of Make3D: a line per method.
+//! Tables 3.1 and 3.3, those of Make3D and of newer models: a line per method.
 
 use super::coverage::Coverage;
 use super::notes::{heading, seeds_note};
 use super::part::{Measured, Part};
 use super::table::{Cell, Column, Line, Table, mark_best, plain};
-use crate::metrics::Metric;
-use crate::protocol::protocol;
+use crate::metrics::{FurtherMetric, FurtherMetrics, Metric};
+use crate::protocol::{Alignment, BenchmarkCrop, protocol};
 use crate::published::{self, PublishedRow};
 use crate::thesis::ThesisTable;
 
 impl Table {
-    /// Tables 3.1 and 3.3: a line per method.
+    /// A line per method. Further metrics have columns where something printed or measured has them.
     pub(super) fn fill_methods(&mut self, parts: &[Part<'_>], coverage: &Coverage) {
-        let with_d1 = self.id == ThesisTable::Table31;
+        let shown = Shown {
+            d1_all: self.id == ThesisTable::Table31,
+            further: parts.iter().any(Part::has_further)
+                || published::rows(self.id)
+                    .iter()
+                    .any(|row| row.further != [None; 5]),
+        };
         self.columns = [
             ("method", "Method"),
             ("origin", "Origin"),
@@ -32,40 +38,46 @@ impl Table {
             },
             numeric: true,
         }));
-        if with_d1 {
+        if shown.d1_all {
             self.columns.push(plain("d1_all", "D1-all", true));
+        }
+        if shown.further {
+            let columns = FurtherMetric::ALL.map(|one| plain(one.name(), one.heading(), true));
+            self.columns.extend(columns);
         }
 
         for part in parts {
-            let heading = (self.id == ThesisTable::Table33).then(|| {
-                let max = protocol(&part.protocol).map(|protocol| protocol.max_depth_m);
-                max.map_or_else(
-                    || part.protocol.clone(),
-                    |max| format!("Up to {max} m ({})", part.protocol),
-                )
-            });
-            let mut section = part.section(heading, coverage);
+            let heading = match self.id {
+                ThesisTable::Table33 => Some(range_of(&part.protocol)),
+                ThesisTable::Eigen652 => Some(rules_of(&part.protocol)),
+                _ => None,
+            };
+            let mut section = part.section(heading);
             for row in published::rows(self.id)
                 .iter()
                 .filter(|row| row.protocol == part.own)
             {
                 section
                     .lines
-                    .push(published_line(row, part.is_own(), with_d1));
+                    .push(published_line(row, part.is_own(), shown));
+                let name = named(&row.method, row.reference);
+                if let Some(source) = &row.source {
+                    self.notes.push(format!("{name}, published: {source}."));
+                }
                 if let Some(note) = &row.note {
-                    self.notes.push(format!(
-                        "{} (row {} of the printed table): {}.",
-                        named(&row.method, row.reference),
-                        row.row,
-                        note.trim_end_matches('.')
-                    ));
+                    let place = match row.source {
+                        Some(_) => String::new(),
+                        None => format!(" (row {} of the printed table)", row.row),
+                    };
+                    self.notes
+                        .push(format!("{name}{place}: {}.", note.trim_end_matches('.')));
                 }
             }
             for method in part.methods() {
                 let &[model] = method.as_slice() else {
                     section
                         .lines
-                        .push(seeds_line(part, &method, coverage, with_d1));
+                        .push(seeds_line(part, &method, coverage, shown));
                     self.notes.push(seeds_note(&part.protocol, &method));
                     continue;
                 };
@@ -79,17 +91,22 @@ impl Table {
                         Cell::text("-"),
                         Cell {
                             value: Some(model.images() as f64),
-                            ..Cell::text(format!("{}/{}", model.images(), coverage.expected_images))
+                            ..Cell::text(format!("{}/{}", model.images(), part.expected))
                         },
                     ],
                 };
                 let summary = &model.summary;
-                line.push_metrics(summary.mean, summary.intervals);
-                if with_d1 {
+                line.push_figures(summary.mean.to_array().map(Some), summary.intervals);
+                if shown.d1_all {
                     line.cells.push(Cell {
                         interval: summary.d1_all_interval,
                         ..Cell::figure(summary.d1_all)
                     });
+                }
+                if shown.further {
+                    let values = summary.further.map(FurtherMetrics::to_array);
+                    let values = values.map_or([None; 5], |values| values.map(Some));
+                    line.push_figures(values, summary.further_intervals);
                 }
                 section.lines.push(line);
             }
@@ -107,6 +124,11 @@ impl Table {
                     "The thesis has pictures of Make3D only. Criterion C1: depths up to 70 m, each \
                      prediction scaled by medians, central crop of 2:1."
                 }
+                ThesisTable::Eigen652 => {
+                    "Published rows stand in the works cited and were measured by their scripts; they \
+                     are not ranked. SILog is 100 times the standard deviation of the logarithms' \
+                     difference, iRMSE is in 1/km."
+                }
                 ThesisTable::Table33 => {
                     "Marks: * trained with measured depth, † with synthetic images and their \
                      depth. Rows trained on monocular video were scaled by medians. Rows marked \
@@ -120,12 +142,7 @@ impl Table {
 }
 
 /// One line for several seeds: mean and standard deviation of the seeds' figures.
-fn seeds_line(
-    part: &Part<'_>,
-    seeds: &[&Measured<'_>],
-    coverage: &Coverage,
-    with_d1: bool,
-) -> Line {
+fn seeds_line(part: &Part<'_>, seeds: &[&Measured<'_>], coverage: &Coverage, shown: Shown) -> Line {
     let name = seeds.first().and_then(|model| model.seed());
     let fewest = seeds.iter().map(|model| model.images()).min();
     let fewest = fewest.unwrap_or(0);
@@ -143,7 +160,7 @@ fn seeds_line(
             Cell::text("-"),
             Cell {
                 value: Some(fewest as f64),
-                ..Cell::text(format!("{fewest}/{}", coverage.expected_images))
+                ..Cell::text(format!("{fewest}/{}", part.expected))
             },
         ],
     };
@@ -154,17 +171,24 @@ fn seeds_line(
             .collect();
         Cell::spread(&values)
     }));
-    if with_d1 {
-        let values: Option<Vec<f64>> = seeds.iter().map(|model| model.summary.d1_all).collect();
-        line.cells.push(match values {
+    let spread = |value: &dyn Fn(&Measured<'_>) -> Option<f64>| {
+        let values: Option<Vec<f64>> = seeds.iter().map(|model| value(model)).collect();
+        match values {
             Some(values) => Cell::spread(&values),
             None => Cell::figure(None),
-        });
+        }
+    };
+    if shown.d1_all {
+        line.cells.push(spread(&|model| model.summary.d1_all));
+    }
+    if shown.further {
+        let of = |metric| spread(&move |model| Some(model.summary.further?.get(metric)));
+        line.cells.extend(FurtherMetric::ALL.map(of));
     }
     line
 }
 
-fn published_line(row: &PublishedRow, own_protocol: bool, with_d1: bool) -> Line {
+fn published_line(row: &PublishedRow, own_protocol: bool, shown: Shown) -> Line {
     let mut line = Line {
         measured: false,
         grey: row.grey,
@@ -183,11 +207,45 @@ fn published_line(row: &PublishedRow, own_protocol: bool, with_d1: bool) -> Line
             Cell::text("-"),
         ],
     };
-    line.push_metrics(row.metrics, None);
-    if with_d1 {
+    line.push_figures(row.metrics, None);
+    if shown.d1_all {
         line.cells.push(Cell::figure(None));
     }
+    if shown.further {
+        line.push_figures(row.further, None);
+    }
     line
+}
+
+/// Which columns there are beside the seven metrics.
+#[derive(Clone, Copy)]
+struct Shown {
+    d1_all: bool,
+    further: bool,
+}
+
+fn range_of(name: &str) -> String {
+    match protocol(name) {
+        Some(protocol) => format!("Up to {} m ({name})", protocol.max_depth_m),
+        None => name.to_owned(),
+    }
+}
+
+/// What sets a section of newer models apart: what a model is shown, and what its depth may be.
+fn rules_of(name: &str) -> String {
+    let Some(protocol) = protocol(name) else {
+        return name.to_owned();
+    };
+    let image = match protocol.benchmark_crop {
+        BenchmarkCrop::None => "whole image",
+        BenchmarkCrop::Image => "benchmark crop of the image",
+        BenchmarkCrop::ImageAndTruth => "benchmark crop of image and truth",
+    };
+    let depth = match protocol.alignment {
+        Alignment::None => "depth in metres".to_owned(),
+        alignment => format!("aligned ({alignment})"),
+    };
+    format!("{depth}, {image} ({name})")
 }
 
 pub(super) fn named(method: &str, reference: Option<u32>) -> String {

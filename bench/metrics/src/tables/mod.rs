@@ -1,4 +1,5 @@
-//! Thesis tables 3.1, 3.2 and 3.3 with measured models beside the published rows.
+//! Thesis tables 3.1, 3.2 and 3.3, and those of Make3D and of newer models, with measured models beside
+//! the published rows.
 //!
 //! A [`Table`] is a pure function of rows, of the published figures and of a [`Coverage`]; its
 //! first line says how many of how many images stand behind it, under which protocol and on
@@ -31,7 +32,7 @@ mod tests;
 pub use self::coverage::{Coverage, Source};
 pub use self::error::TableError;
 pub use self::table::{Cell, Column, Line, Section, Table};
-pub use crate::thesis::{Scale, ThesisTable, UnknownTable};
+pub use crate::thesis::{ThesisTable, UnknownTable};
 
 use self::notes::{first_line, measured_notes, remarks};
 use self::part::{Part, one_data_set};

@@ -7,7 +7,9 @@ use crate::protocol::{LogBase, protocol};
 use crate::thesis::ThesisTable;
 
 pub(super) fn first_line(table: ThesisTable, parts: &[Part<'_>], coverage: &Coverage) -> String {
-    let expected = coverage.expected_images;
+    // Truth that covers fewer images is the same for all sections of a table.
+    let expected = parts.iter().map(|part| part.expected).min();
+    let expected = expected.unwrap_or(coverage.expected_images);
     let counts: Vec<(&str, &str, u64)> = parts
         .iter()
         .flat_map(|part| {
@@ -58,13 +60,29 @@ pub(super) fn remarks(table: ThesisTable, parts: &[Part<'_>], coverage: &Coverag
             coverage.source
         ));
     }
-    let incomplete = parts
-        .iter()
-        .flat_map(|part| &part.models)
-        .any(|model| model.images() < coverage.expected_images);
+    let incomplete = parts.iter().any(|part| {
+        part.models
+            .iter()
+            .any(|model| model.images() < part.expected)
+    });
     if incomplete {
         remarks
             .push("Only part of the images, so not ranked against published numbers.".to_owned());
+    }
+    let mut aligned: Vec<(&str, Vec<&str>)> = Vec::new();
+    for part in parts {
+        let fitted = protocol(&part.protocol).and_then(|protocol| protocol.alignment.fitted());
+        let Some(fitted) = fitted else { continue };
+        match aligned.iter_mut().find(|(known, _)| *known == fitted) {
+            Some((_, names)) => names.push(&part.protocol),
+            None => aligned.push((fitted, vec![&part.protocol])),
+        }
+    }
+    for (fitted, names) in aligned {
+        remarks.push(format!(
+            "{}: aligned per image: {fitted}; saw the ground truth.",
+            names.join(", ")
+        ));
     }
     for part in parts.iter().filter(|part| !part.is_own()) {
         remarks.push(format!(

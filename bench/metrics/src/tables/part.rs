@@ -45,6 +45,8 @@ pub(super) struct Part<'a> {
     /// The table's own protocol in this place, which says which published rows belong here.
     pub(super) own: &'static str,
     pub(super) digest: String,
+    /// Images of the complete test set under the protocol.
+    pub(super) expected: u64,
     pub(super) models: Vec<Measured<'a>>,
 }
 
@@ -65,6 +67,7 @@ impl<'a> Part<'a> {
                     .map(|model| model.context().protocol_digest.clone())
             });
         let digest = digest.unwrap_or_default();
+        let expected = coverage.under(name);
         let mut measured = Vec::new();
         for rows in models {
             let context = rows.context();
@@ -76,12 +79,12 @@ impl<'a> Part<'a> {
                     expected: short(&digest).to_owned(),
                 });
             }
-            if rows.images() > coverage.expected_images {
+            if rows.images() > expected {
                 return Err(TableError::Excess {
                     model: context.model.clone(),
                     protocol: name.to_owned(),
                     found: rows.images(),
-                    expected: coverage.expected_images,
+                    expected,
                 });
             }
             if let Some(summary) = summarise(rows.rows()) {
@@ -92,6 +95,7 @@ impl<'a> Part<'a> {
             protocol: name.to_owned(),
             own,
             digest,
+            expected,
             models: measured,
         })
     }
@@ -113,12 +117,18 @@ impl<'a> Part<'a> {
         methods
     }
 
+    /// Some measured image has the further metrics in every row.
+    pub(super) fn has_further(&self) -> bool {
+        let mut models = self.models.iter();
+        models.any(|model| model.summary.further.is_some())
+    }
+
     pub(super) fn is_own(&self) -> bool {
         self.protocol == self.own
     }
 
     pub(super) fn competes(&self, model: &Measured<'_>, coverage: &Coverage) -> bool {
-        self.is_own() && coverage.source.competes() && model.images() == coverage.expected_images
+        self.is_own() && coverage.source.competes() && model.images() == self.expected
     }
 
     pub(super) fn data_digest(&self) -> String {
@@ -126,13 +136,13 @@ impl<'a> Part<'a> {
         first.map_or_else(String::new, |model| model.context().data_digest.clone())
     }
 
-    pub(super) fn section(&self, heading: Option<String>, coverage: &Coverage) -> Section {
+    pub(super) fn section(&self, heading: Option<String>) -> Section {
         Section {
             heading,
             protocol: self.protocol.clone(),
             protocol_digest: self.digest.clone(),
             data_digest: self.data_digest(),
-            expected_images: coverage.expected_images,
+            expected_images: self.expected,
             lines: Vec::new(),
         }
     }

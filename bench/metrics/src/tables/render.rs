@@ -5,6 +5,7 @@ use comfy_table::{CellAlignment, TableStyle};
 use super::table::{Cell, Table};
 use crate::columns::CsvError;
 use crate::published::Marker;
+use crate::thesis::ThesisTable;
 
 impl Table {
     /// Text for a terminal, without colour; the best figures stand in brackets.
@@ -49,7 +50,7 @@ impl Table {
         let mut lines = vec![one_line(&self.first_line)];
         lines.extend(self.remarks.iter().map(|remark| one_line(remark)));
         lines.push(table.trim_fmt());
-        lines.push(best_note("Brackets"));
+        lines.push(self.best_note("Brackets"));
         lines.extend(self.notes.iter().map(|note| one_line(note)));
         lines.join("\n") + "\n"
     }
@@ -86,7 +87,7 @@ impl Table {
                 lines.push(pipes(cells.collect()));
             }
         }
-        lines.extend([String::new(), format!("- {}", best_note("Bold"))]);
+        lines.extend([String::new(), format!("- {}", self.best_note("Bold"))]);
         lines.extend(
             self.notes
                 .iter()
@@ -150,7 +151,7 @@ impl Table {
         lines.push("\\bottomrule".to_owned());
         lines.push("\\end{tabular}".to_owned());
         lines.push("\\begin{minipage}{\\linewidth}\\footnotesize".to_owned());
-        lines.push(format!("{}\\par", best_note("Bold")));
+        lines.push(format!("{}\\par", self.best_note("Bold")));
         lines.extend(
             self.notes
                 .iter()
@@ -159,6 +160,17 @@ impl Table {
         lines.push("\\end{minipage}".to_owned());
         lines.push("\\end{table}".to_owned());
         lines.join("\n") + "\n"
+    }
+
+    fn best_note(&self, mark: &str) -> String {
+        let printed = match self.id {
+            ThesisTable::Eigen652 => "printed in the works cited below",
+            _ => "those printed in the thesis",
+        };
+        format!(
+            "{mark}: best of the comparable rows, to three decimals. Figures marked published are \
+             {printed} and were not measured here."
+        )
     }
 
     /// CSV with exact figures and, on each line, what the heading says in the other formats.
@@ -203,13 +215,6 @@ impl Table {
         // Only strings went in.
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     }
-}
-
-fn best_note(mark: &str) -> String {
-    format!(
-        "{mark}: best of the comparable rows, to three decimals. Figures marked published are \
-         those printed in the thesis and were not measured here."
-    )
 }
 
 /// A line whose first cell has a text.

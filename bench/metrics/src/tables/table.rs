@@ -1,6 +1,5 @@
 //! A table of cells, whatever it is about: what the four formats are written from.
 
-use crate::metrics::{Metric, Metrics};
 use crate::published::Marker;
 use crate::statistics::Interval;
 use crate::thesis::ThesisTable;
@@ -139,10 +138,16 @@ impl Table {
 }
 
 impl Line {
-    pub(super) fn push_metrics(&mut self, metrics: Metrics, intervals: Option<[Interval; 7]>) {
-        self.cells.extend(Metric::ALL.map(|metric| Cell {
-            interval: intervals.map(|all| all[metric as usize]),
-            ..Cell::figure(Some(metrics.get(metric)))
+    pub(super) fn push_figures<const N: usize>(
+        &mut self,
+        values: [Option<f64>; N],
+        intervals: Option<[Interval; N]>,
+    ) {
+        let intervals = intervals.map_or([None; N], |intervals| intervals.map(Some));
+        let figures = values.into_iter().zip(intervals);
+        self.cells.extend(figures.map(|(value, interval)| Cell {
+            interval,
+            ..Cell::figure(value)
         }));
     }
 }

@@ -6,7 +6,7 @@ use std::{
 };
 use strat_store::inputs::{self, Kind};
 
-use crate::model::Implausible;
+use crate::{model::Implausible, view::NoCrop};
 
 /// Why saved predictions cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -61,6 +61,9 @@ pub enum MapFault {
         /// First such column, from 0.
         column: usize,
     },
+    /// It shows a crop that the image does not have.
+    #[error(transparent)]
+    NoCrop(#[from] NoCrop),
     /// It cannot be what it is said to be.
     #[error("the map cannot be what its description says: {0}")]
     Implausible(Implausible),

@@ -30,7 +30,10 @@ use strat_store::{
 
 use super::error::{MapFault, SavedError, open, unusable};
 use super::find::{files_of, hash_of, ids_of, indices, members_of};
-use crate::model::{Sigmoid, ValueEncoding, plausible};
+use crate::{
+    model::{Sigmoid, ValueEncoding, plausible},
+    view::View,
+};
 
 /// Description of a folder, in the folder.
 pub const FOLDER_DESCRIPTION: &str = "predictions.yaml";
@@ -54,9 +57,17 @@ pub struct SavedDescription {
     /// stretched, and not a part of it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub stretched: bool,
+    /// What of the image a map shows, at any size.
+    #[serde(default, skip_serializing_if = "is_whole")]
+    pub crop: View,
     /// Name of the array in an `.npz` of several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub array: Option<String>,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
+fn is_whole(crop: &View) -> bool {
+    *crop == View::Whole
 }
 
 fn kitti_png() -> f64 {
@@ -78,6 +89,7 @@ impl SavedDescription {
             scale: None,
             png_divisor: kitti_png(),
             stretched: false,
+            crop: View::Whole,
             array: None,
         }
     }
@@ -141,15 +153,17 @@ impl SavedDescription {
         Ok(map)
     }
 
-    /// Makes sure that a map of this size, columns and rows, can show a whole image of that size.
+    /// Makes sure that a map of this size, columns and rows, can show a whole image of that size, or the
+    /// crop of it that the description names.
     ///
     /// # Errors
-    /// Its shape is that of something else.
+    /// Its shape is that of something else, or the image has no such crop.
     pub fn check_size(&self, map: (usize, usize), image: (usize, usize)) -> Result<(), MapFault> {
+        let shown = self.crop.size(image)?;
         if self.stretched {
             return Ok(());
         }
-        plausible::check_saved(map, image).map_err(MapFault::Implausible)
+        plausible::check_saved(map, shown).map_err(MapFault::Implausible)
     }
 }
 
@@ -287,10 +301,10 @@ impl SavedPredictions {
             .map_err(|fault| fault_in(path, fault))
     }
 
-    /// The map of one image, which must show the whole image.
+    /// The map of one image, which must show the whole image or the crop that the description names.
     ///
     /// # Errors
-    /// As [`map`](Self::map), or its shape is that of something else.
+    /// As [`map`](Self::map), its shape is that of something else, or the image has no such crop.
     pub fn map_of(&self, sample: &Sample) -> Result<Plane, SavedError> {
         let plane = self.map(&sample.id)?;
         let image = (sample.width as usize, sample.height as usize);
