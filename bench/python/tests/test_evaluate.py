@@ -67,6 +67,10 @@ def test_inverse_depth_of_no_scale_is_scaled_by_medians():
     ]
     assert two[0]["protocol"] == "eigen-80-nocrop-median"
     assert two[0]["rmse"] == pytest.approx(two[1]["rmse"], rel=1e-5)
+    mask = (truth > 1e-3) & (truth < 80)
+    depth = strat.evaluate(predicted, truth, protocol="eigen-80-nocrop-median", meaning="depth_m")
+    assert depth["scale"] == pytest.approx(np.median(truth[mask]) / np.median(predicted[mask]), rel=1e-5)
+    assert depth["shift"] == 0
 
 
 def test_any_array_of_floats_will_do():

@@ -57,7 +57,8 @@ def evaluate(
     :param truth_meaning: ``depth_m``, or ``disparity_px`` for the disparity of stereo 2015.
     :param labels: Cityscapes label ids, rows and columns of the image, for protocols with groups.
     :return: ``protocol``, ``group``, the metrics under the names of the columns of ``rows.csv``, ``pixels``
-        and ``floored_pixels``; None where the protocol has no such value.
+        and ``floored_pixels``, ``scale`` and ``shift`` by which the protocol aligned the map; None where the
+        protocol has no such value.
     :raises ValueError: a shape, type, number or word that cannot be used, or an image without a pixel to
         score; a protocol with several groups, for which there is :func:`evaluate_all`.
     """
