@@ -1,10 +1,13 @@
-//! What killed runs leave, what is somebody else's, and being told to stop.
+//! Every change to the file system is a place where a process may be killed: each is tried, and the next
+//! run must end with the bytes of one that nothing happened to.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use assert_cmd::Command;
 use image::{Rgb, RgbImage};
+use strat_store::fault;
 use strat_store::image_files;
 use tempfile::TempDir;
 
@@ -38,27 +41,102 @@ impl Pairs {
         self.0.path().join("pairs.csv")
     }
 
-    /// `prep pairs` into a folder.
-    fn prepare(&self, out: &Path, more: &[&str]) -> Output {
+    /// `prep pairs` into a folder, killed before or after the `fault`-th change if one is given.
+    fn prepare(&self, out: &Path, more: &[&str], fault: Option<u64>) -> Output {
         let (list, out) = (self.list(), out.to_str().unwrap());
         let mut args = vec!["pairs", "--csv", list.to_str().unwrap(), "--out", out];
         args.extend(["--width", "16", "--height", "8", "--jobs", "1", "--quiet"]);
         args.extend(more);
-        prep(&args)
+        prep(&args, fault)
     }
 }
 
-fn prep(args: &[&str]) -> Output {
-    Command::cargo_bin("prep")
-        .unwrap()
-        .args(args)
-        .output()
-        .unwrap()
+fn prep(args: &[&str], fault: Option<u64>) -> Output {
+    let mut command = Command::cargo_bin("prep").unwrap();
+    command.args(args).env_remove(fault::AT);
+    if let Some(number) = fault {
+        command.env(fault::AT, number.to_string());
+    }
+    command.output().unwrap()
 }
 
 fn assert_done(output: &Output, what: &str) {
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{what}: {text}");
+}
+
+/// Kills `run` at every change in turn, each time in a fresh folder that `begin` has filled, runs it
+/// again and compares; the number of changes.
+fn try_all(
+    reference: &BTreeMap<PathBuf, Vec<u8>>,
+    begin: impl Fn(&Path),
+    run: impl Fn(&Path, Option<u64>) -> Output,
+    again: impl Fn(&Path, u64),
+) -> u64 {
+    for number in 1.. {
+        let folder = TempDir::new().unwrap();
+        let out = folder.path().join("out");
+        begin(&out);
+        if run(&out, Some(number)).status.code().is_some() {
+            return number - 1;
+        }
+        again(&out, number);
+        assert!(
+            tree(&out) == *reference,
+            "killed at change {number}: {:?} instead of {:?}",
+            tree(&out).keys(),
+            reference.keys()
+        );
+    }
+    unreachable!()
+}
+
+#[test]
+fn a_killed_preparation_goes_on_wherever_it_was() {
+    let pairs = Pairs::new();
+    let folder = TempDir::new().unwrap();
+    let whole = folder.path().join("whole");
+    assert_done(&pairs.prepare(&whole, &[], None), "undisturbed");
+    let changes = try_all(
+        &tree(&whole),
+        |_| {},
+        |out, fault| pairs.prepare(out, &[], fault),
+        |out, number| {
+            assert_done(
+                &pairs.prepare(out, &[], None),
+                &format!("after a kill at {number}"),
+            );
+            let verified = prep(&["verify", out.to_str().unwrap()], None);
+            assert_done(&verified, &format!("verify after a kill at {number}"));
+        },
+    );
+    // Six pictures, depth, three tables, settings, manifest: three changes each, and folders.
+    assert!(changes >= 40, "{changes}");
+}
+
+#[test]
+fn a_killed_merge_loses_nothing() {
+    let pairs = Pairs::new();
+    let folder = TempDir::new().unwrap();
+    let whole = folder.path().join("whole");
+    assert_done(&pairs.prepare(&whole, &[], None), "undisturbed");
+    let merge = |out: &Path, fault| prep(&["merge", out.to_str().unwrap()], fault);
+    let changes = try_all(
+        &tree(&whole),
+        |out| {
+            for shard in ["0/2", "1/2"] {
+                assert_done(&pairs.prepare(out, &["--shard", shard], None), shard);
+            }
+        },
+        merge,
+        |out, number| {
+            let output = merge(out, None);
+            let text = String::from_utf8_lossy(&output.stderr);
+            let finished = text.contains("nothing is left to merge");
+            assert!(output.status.success() || finished, "{number}: {text}");
+        },
+    );
+    assert!(changes > 14, "{changes}");
 }
 
 #[test]
@@ -67,11 +145,11 @@ fn files_that_belong_to_no_part_stay() {
     let folder = TempDir::new().unwrap();
     let out = folder.path().join("set");
     for shard in ["0/2", "1/2"] {
-        assert_done(&pairs.prepare(&out, &["--shard", shard]), shard);
+        assert_done(&pairs.prepare(&out, &["--shard", shard], None), shard);
     }
     let notes = out.join("parts/0001-of-0002/notes.txt");
     std::fs::write(&notes, "mine").unwrap();
-    let merged = prep(&["merge", out.to_str().unwrap()]);
+    let merged = prep(&["merge", out.to_str().unwrap()], None);
     assert_done(&merged, "merge");
     assert!(String::from_utf8_lossy(&merged.stderr).contains("notes.txt belongs to no part"));
     assert_eq!(std::fs::read(&notes).unwrap(), b"mine");
@@ -85,12 +163,12 @@ fn what_is_half_written_is_no_obstacle() {
     let out = folder.path().join("set");
     std::fs::create_dir_all(&out).unwrap();
     std::fs::write(out.join(".unfinished-q1W2e3"), "format: 2\nsource").unwrap();
-    assert_done(&pairs.prepare(&out, &[]), "beside a leftover");
+    assert_done(&pairs.prepare(&out, &[], None), "beside a leftover");
     let leftover = out.join("images/.unfinished-a1B2c3");
     std::fs::write(&leftover, "half a picture").unwrap();
-    let verified = prep(&["verify", out.to_str().unwrap()]);
+    let verified = prep(&["verify", out.to_str().unwrap()], None);
     assert_done(&verified, "verify beside a leftover");
-    assert_done(&pairs.prepare(&out, &[]), "again");
+    assert_done(&pairs.prepare(&out, &[], None), "again");
     assert!(!leftover.exists() && !out.join(".unfinished-q1W2e3").exists());
 }
 
