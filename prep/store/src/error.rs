@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::human;
+
 /// Result of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -30,16 +32,19 @@ pub enum Error {
         wanted: &'static str,
     },
     /// A file larger than anything of its kind.
-    #[error("{} has {bytes}, but {wanted} has at most {largest}; is it another kind of file?", path.display())]
+    #[error(
+        "{} has {}, but {wanted} has at most {}; is it another kind of file?",
+        path.display(), human::bytes(*bytes), human::bytes(*largest)
+    )]
     TooLarge {
         /// The file.
         path: PathBuf,
         /// Its size.
-        bytes: String,
+        bytes: u64,
         /// What was looked for.
         wanted: &'static str,
-        /// The most that is read.
-        largest: String,
+        /// The most bytes that are read.
+        largest: u64,
     },
     /// A folder that results should go to cannot be made or written to.
     #[error("cannot write to the folder {}: {source}", path.display())]

@@ -10,7 +10,6 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::human;
 
 /// Most pixels of a picture or map that is decoded, 134 million: a few bytes of a file can promise
 /// any number.
@@ -102,9 +101,9 @@ impl Kind {
         if bytes > self.largest() {
             return Err(Error::TooLarge {
                 path: path.to_owned(),
-                bytes: human::bytes(bytes),
+                bytes,
                 wanted: self.name(),
-                largest: human::bytes(self.largest()),
+                largest: self.largest(),
             });
         }
         Ok(())
