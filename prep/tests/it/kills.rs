@@ -110,8 +110,8 @@ fn a_killed_preparation_goes_on_wherever_it_was() {
             assert_done(&verified, &format!("verify after a kill at {number}"));
         },
     );
-    // Six pictures, depth, three tables, settings, manifest: three changes each, and folders.
-    assert!(changes >= 40, "{changes}");
+    // Six pictures, depth, three tables, settings, manifest: begun, written and renamed.
+    assert!(changes >= 36, "{changes}");
 }
 
 #[test]
