@@ -51,9 +51,11 @@ def agrees(data, folder, protocols, meaning, convert=lambda fraction: fraction):
     return run
 
 
+ALIGNED = ["eigen-80-affine-disparity", "eigen-80-scale-disparity"]
 CASES = {
     "eigen": ("eigen", ["eigen-80", "eigen-50", "eigen-80-median"], "disparity_fraction", lambda map: map),
     "kitti": ("kitti", ["kitti2015", "semantic", "kitti2015-occ"], "disparity_fraction", lambda map: map),
+    "aligned": ("eigen", ["eigen-80", "eigen-50", *ALIGNED], "inverse_depth", lambda map: 7 * map),
     "depth": ("eigen", ["eigen-80", "eigen-50"], "depth_m", lambda map: 0.3 / map),
     "no scale": ("eigen", ["eigen-80", "eigen-50"], "inverse_depth", lambda map: 40 * map),
 }
