@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use strat_onnx::{metadata::ProbeError, model::ReadError};
 
-use crate::runtime::RuntimeError;
+use crate::{runtime::RuntimeError, view::NoCrop};
 
 /// Why a model cannot be used, or what it did wrong.
 #[derive(Debug, thiserror::Error)]
@@ -61,6 +61,9 @@ pub enum ModelError {
         /// Rows of the image.
         height: u32,
     },
+    /// The image does not hold KITTI's benchmark crop.
+    #[error(transparent)]
+    NoCrop(#[from] NoCrop),
     /// An image whose input would be too large.
     #[error("for this image the model's input would be {width}x{height}, more than {most} pixels")]
     TooLarge {

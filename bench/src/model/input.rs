@@ -1,7 +1,7 @@
 //! From an image to the tensor that a model takes, and what of the image it shows (PROTOCOL 10.5).
 
 use image::RgbImage;
-use strat_metrics::CropBox;
+use strat_metrics::{CropBox, benchmark_box};
 use strat_onnx::{
     graph::{Dim, dims_text},
     metadata::InputRange,
@@ -12,12 +12,10 @@ use super::{
     description::{ChannelOrder, Fit, InputCrop, InputDescription, Layout},
     error::ModelError,
 };
+use crate::view::NoCrop;
 
 /// Most pixels of an input: 200 MB for each image on its way.
 const MOST_PIXELS: u64 = 1 << 24;
-
-/// Height and width of the KITTI-benchmark crop (PROTOCOL 10.2).
-const KITTI_BENCHMARK: (u32, u32) = (352, 1216);
 
 /// Colours of padding, in grey levels, where a description names none.
 const BLACK: [f32; 3] = [0.0; 3];
@@ -63,16 +61,11 @@ fn whole((width, height): (u32, u32)) -> CropBox {
 }
 
 /// The box of a crop in an image.
-fn crop_box(crop: InputCrop, image: (u32, u32)) -> Result<CropBox, ModelError> {
-    let (width, height) = image;
+fn crop_box(crop: InputCrop, (width, height): (u32, u32)) -> Result<CropBox, ModelError> {
     let ([top, bottom], [left, right]) = match crop {
         InputCrop::KittiBenchmark => {
-            let (rows, columns) = KITTI_BENCHMARK;
-            let (top, left) = (
-                height.saturating_sub(rows),
-                width.saturating_sub(columns) / 2,
-            );
-            ([top, top + rows], [left, left + columns])
+            let (width, height) = (width as usize, height as usize);
+            return Ok(benchmark_box(width, height).ok_or(NoCrop { width, height })?);
         }
         InputCrop::Pixels { rows, columns } => (rows, columns),
     };
