@@ -1,24 +1,27 @@
 //! What a run has measured so far, so that an interrupted one goes on where it stopped.
 //!
 //! A file of rows per model in the output folder, to which the rows of each image are added as
-//! soon as they are there, and beside it what they were measured with. The next run of the same
+//! soon as they are there, and beside it what they were measured with and how each image agrees with
+//! the truth ([`ImageAgreement`]), which rows do not say. The next run of the same
 //! models on the same data under the same protocols, with the same runtime and program, takes them
 //! over; anything else is measured again, and it is said what has changed. A finished run removes
 //! its journals.
 //!
-//! The last image of a journal may be there in part, so it is measured again as well.
+//! The last image of a journal may be there in part, so it is measured again as well, and so is one
+//! whose agreement is not known.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
-use strat_metrics::{Row, RowContext, rows};
+use serde::{Deserialize, Serialize};
+use strat_metrics::{CsvError, Row, RowContext, rows};
 use strat_store::files::{self, Appending};
 use strat_store::inputs::{self, Kind};
 use strat_store::yaml;
 
-use super::identity::Identity;
+use super::{agreement::ImageAgreement, identity::Identity};
 
 /// Beginning of the names of journals.
 pub const PREFIX: &str = "unfinished-";
@@ -35,21 +38,59 @@ pub enum JournalError {
         /// The journal.
         path: PathBuf,
         /// Why.
-        reason: strat_metrics::CsvError,
+        reason: CsvError,
     },
 }
 
 /// The open journal of one model.
 pub struct Journal {
     path: PathBuf,
-    file: Appending,
+    rows: Appending,
+    agreements: Appending,
+}
+
+/// What was measured of one image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OfImage {
+    /// Its rows under all protocols.
+    pub rows: Vec<Row>,
+    /// How its depth lies beside the truth; none where no protocol scores it as a whole.
+    pub agreement: Option<ImageAgreement>,
+}
+
+/// A line of the file of agreements.
+#[derive(Serialize, Deserialize)]
+struct Line {
+    image: String,
+    ratio: Option<f64>,
+    rank_correlation: Option<f64>,
+    /// Whether there is an agreement, which may be one of nothing known.
+    is_known: bool,
+}
+
+impl Line {
+    fn new(image: &str, agreement: Option<ImageAgreement>) -> Self {
+        Self {
+            image: image.to_owned(),
+            ratio: agreement.and_then(|one| one.ratio),
+            rank_correlation: agreement.and_then(|one| one.rank_correlation),
+            is_known: agreement.is_some(),
+        }
+    }
+
+    fn agreement(&self) -> Option<ImageAgreement> {
+        self.is_known.then_some(ImageAgreement {
+            ratio: self.ratio,
+            rank_correlation: self.rank_correlation,
+        })
+    }
 }
 
 /// What an interrupted run has left.
 #[derive(Debug, Default, PartialEq)]
 pub struct Before {
-    /// The rows of images that have some under each protocol, by image.
-    pub rows: BTreeMap<String, Vec<Row>>,
+    /// Images that have rows under each protocol and whose agreement is known, by their ids.
+    pub images: BTreeMap<String, OfImage>,
     /// What has changed since, where rows cannot be used for it.
     pub changes: Option<String>,
 }
@@ -60,11 +101,17 @@ pub struct Before {
 /// A file cannot be removed.
 pub fn remove(path: &Path) -> Result<(), strat_store::Error> {
     files::remove(path)?;
+    files::remove(&agreements_path(path))?;
     files::remove(&facts_path(path))
 }
 
 fn facts_path(path: &Path) -> PathBuf {
     path.with_extension("yaml")
+}
+
+/// Not of the extension of rows: `a.agreement` may be the name of another model.
+fn agreements_path(path: &Path) -> PathBuf {
+    path.with_extension("agreement")
 }
 
 impl Journal {
@@ -102,55 +149,95 @@ impl Journal {
                 rows.iter().map(|r| r.context.protocol.as_str()).collect();
             protocols.len() == contexts.len()
         });
+        let agreements = read_agreements(&agreements_path(path));
+        let images: BTreeMap<String, OfImage> = by_image
+            .into_iter()
+            .filter_map(|(image, rows)| {
+                let agreement = *agreements.get(&image)?;
+                Some((image, OfImage { rows, agreement }))
+            })
+            .collect();
         let failed = |reason| JournalError::Rows {
             path: path.to_path_buf(),
             reason,
         };
-        let kept: Vec<Row> = by_image.values().flatten().cloned().collect();
+        let kept: Vec<Row> = images.values().flat_map(|one| one.rows.clone()).collect();
         let mut bytes = Vec::new();
         rows::begin(&kept, &mut bytes).map_err(failed)?;
-        // Rows are of what the facts beside them say, so these come when no other rows are there.
+        let lines = images
+            .iter()
+            .map(|(image, one)| Line::new(image, one.agreement));
+        let lines = written(lines).map_err(failed)?;
+        // Rows are of what the files beside them say, so these come when no other rows are there.
         if kept.is_empty() {
             files::remove(path)?;
         }
         files::write_atomic(&facts_path(path), yaml::to_string(facts)?.as_bytes())?;
+        files::write_atomic(&agreements_path(path), &lines)?;
         files::write_atomic(path, &bytes)?;
-        let file = Appending::open(path)?;
         let journal = Self {
             path: path.to_path_buf(),
-            file,
+            rows: Appending::open(path)?,
+            agreements: Appending::open(&agreements_path(path))?,
         };
-        let rows = by_image;
-        Ok((journal, Before { rows, changes }))
+        Ok((journal, Before { images, changes }))
     }
 
-    /// Adds the rows of one image.
+    /// Adds one image, if it has rows.
     ///
     /// # Errors
     /// The disk is full or gone.
-    pub fn add(&mut self, rows: &[Row]) -> Result<(), JournalError> {
-        // One call of the system for each image, so that images stay together.
-        let mut bytes = Vec::new();
-        rows::append(rows, &mut bytes).map_err(|reason| JournalError::Rows {
+    pub fn add(
+        &mut self,
+        rows: &[Row],
+        agreement: Option<ImageAgreement>,
+    ) -> Result<(), JournalError> {
+        let Some(first) = rows.first() else {
+            return Ok(());
+        };
+        let failed = |reason| JournalError::Rows {
             path: self.path.clone(),
             reason,
-        })?;
-        Ok(self.file.add(&bytes)?)
+        };
+        let line = written([Line::new(&first.image, agreement)]).map_err(failed)?;
+        let mut bytes = Vec::new();
+        rows::append(rows, &mut bytes).map_err(failed)?;
+        self.agreements.add(&line)?;
+        // One call of the system for each image, so that images stay together.
+        Ok(self.rows.add(&bytes)?)
     }
 }
 
-/// The rows of a file up to its last whole line; none if it is not there or something else.
+/// Lines of the file of agreements, which has no header.
+fn written(lines: impl IntoIterator<Item = Line>) -> Result<Vec<u8>, CsvError> {
+    let mut csv = strat_csv::Writer::appending(Vec::new());
+    for line in lines {
+        csv.serialize(line)?;
+    }
+    Ok(csv.into_inner()?)
+}
+
+/// The rows of a file; none if it is not there or something else.
 fn read(path: &Path) -> Vec<Row> {
-    let Ok(mut bytes) = inputs::read(path, Kind::Table) else {
-        return Vec::new();
-    };
-    bytes.truncate(
-        bytes
-            .iter()
-            .rposition(|&b| b == b'\n')
-            .map_or(0, |at| at + 1),
-    );
-    rows::read(bytes.as_slice()).unwrap_or_default()
+    rows::read(whole_lines(path).as_slice()).unwrap_or_default()
+}
+
+/// The agreements of a file by image, of which each may have none.
+fn read_agreements(path: &Path) -> BTreeMap<String, Option<ImageAgreement>> {
+    let bytes = whole_lines(path);
+    let lines = strat_csv::Reader::without_header(bytes.as_slice()).deserialize::<Line>();
+    let lines = lines.unwrap_or_default().into_iter();
+    lines
+        .map(|line| (line.image.clone(), line.agreement()))
+        .collect()
+}
+
+/// A file up to its last whole line; nothing if it is not there.
+fn whole_lines(path: &Path) -> Vec<u8> {
+    let mut bytes = inputs::read(path, Kind::Table).unwrap_or_default();
+    let end = bytes.iter().rposition(|&b| b == b'\n');
+    bytes.truncate(end.map_or(0, |at| at + 1));
+    bytes
 }
 
 #[cfg(test)]
@@ -200,20 +287,25 @@ mod tests {
         contexts().iter().map(row).collect()
     }
 
+    const AGREEMENT: Option<ImageAgreement> = Some(ImageAgreement {
+        ratio: Some(1.0 / 3.0),
+        rank_correlation: None,
+    });
+
     /// A journal of three images.
     fn written(folder: &Path) -> PathBuf {
         let path = folder.join("unfinished-m.csv");
         let (mut journal, before) = Journal::open(&path, &contexts(), &facts("e")).unwrap();
         assert_eq!(before, Before::default());
         for image in ["x/1", "x/2", "x/3"] {
-            journal.add(&rows_of(image)).unwrap();
+            journal.add(&rows_of(image), AGREEMENT).unwrap();
         }
         path
     }
 
     fn images(path: &Path, contexts: &[RowContext]) -> Vec<String> {
         let (_, found) = Journal::open(path, contexts, &facts("e")).unwrap();
-        found.rows.into_keys().collect()
+        found.images.into_keys().collect()
     }
 
     #[test]
@@ -221,14 +313,17 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = written(folder.path());
         let whole = std::fs::read(&path).unwrap();
+        let agreements = std::fs::read(agreements_path(&path)).unwrap();
         let mut most = 0;
         for end in 0..=whole.len() {
             std::fs::write(&path, &whole[..end]).unwrap();
             let (_, found) = Journal::open(&path, &contexts(), &facts("e")).unwrap();
-            let found = found.rows;
-            for (image, rows) in &found {
-                assert_eq!(rows, &rows_of(image));
+            let found = found.images;
+            for (image, one) in &found {
+                assert_eq!(one.rows, rows_of(image));
+                assert_eq!(one.agreement, AGREEMENT);
             }
+            std::fs::write(agreements_path(&path), &agreements).unwrap();
             assert!(found.len() >= most, "cut at {end}");
             most = found.len();
         }
@@ -241,9 +336,21 @@ mod tests {
         let path = written(folder.path());
         assert_eq!(images(&path, &contexts()), ["x/1", "x/2"]);
         let (mut journal, _) = Journal::open(&path, &contexts(), &facts("e")).unwrap();
-        journal.add(&rows_of("x/9")).unwrap();
+        journal.add(&rows_of("x/9"), None).unwrap();
         drop(journal);
         assert_eq!(images(&path, &contexts()), ["x/1"]);
+    }
+
+    #[test]
+    fn images_without_their_agreement_are_measured_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = written(folder.path());
+        let agreements = std::fs::read_to_string(agreements_path(&path)).unwrap();
+        let first: String = agreements.split_inclusive('\n').take(1).collect();
+        std::fs::write(agreements_path(&path), first + "x/2,0.5").unwrap();
+        assert_eq!(images(&path, &contexts()), ["x/1"]);
+        std::fs::remove_file(agreements_path(&path)).unwrap();
+        assert!(images(&path, &contexts()).is_empty());
     }
 
     #[test]
@@ -255,7 +362,7 @@ mod tests {
             context.data_digest = "other".to_owned();
         }
         let (_, before) = Journal::open(&path, &other, &facts("other")).unwrap();
-        assert!(before.rows.is_empty());
+        assert!(before.images.is_empty());
         assert_eq!(before.changes.unwrap(), "prepared set was e and is other");
         // Once said, it is begun anew.
         let (_, before) = Journal::open(&path, &other, &facts("other")).unwrap();

@@ -171,11 +171,15 @@ pub trait Observer {
         disparity_fraction: Option<&Plane>,
     ) -> Result<(), Self::Error>;
 
-    /// These are all rows of one image.
+    /// These are all rows of one image, and how its depth lies beside the truth.
     ///
     /// # Errors
     /// The evaluation is to end.
-    fn scored(&mut self, rows: &[Row]) -> Result<(), Self::Error>;
+    fn scored(
+        &mut self,
+        rows: &[Row],
+        agreement: Option<ImageAgreement>,
+    ) -> Result<(), Self::Error>;
 }
 
 /// Why not all images were tried.
@@ -198,8 +202,8 @@ pub struct Evaluation {
     pub failures: Vec<Failure>,
     /// Comparisons of the images that were asked for.
     pub comparisons: Vec<Comparison>,
-    /// How depth lies beside the truth, by image, for those that could be scored.
-    pub agreements: Vec<ImageAgreement>,
+    /// How depth lies beside the truth, by the ids of images, for those that could be scored.
+    pub agreements: Vec<(String, ImageAgreement)>,
     /// What is suspected after the first images; said already.
     pub suspicions: Vec<String>,
     /// Why the rest was not tried.
@@ -214,7 +218,7 @@ impl Observer for () {
         Ok(())
     }
 
-    fn scored(&mut self, _: &[Row]) -> Result<(), Self::Error> {
+    fn scored(&mut self, _: &[Row], _: Option<ImageAgreement>) -> Result<(), Self::Error> {
         Ok(())
     }
 }
@@ -460,8 +464,9 @@ impl Collector<'_> {
     ) -> ControlFlow<Ended<O::Error>> {
         let is_first = self.images == 0;
         let is_refused = is_first && scored.as_ref().is_err_and(SampleError::condemns_all);
+        let agreement = scored.as_ref().ok().and_then(|scored| scored.agreement);
         let own = self.rows_of(sample, scored);
-        if let Err(error) = observer.scored(&own.concat()) {
+        if let Err(error) = observer.scored(&own.concat(), agreement) {
             return ControlFlow::Break(Ended::ByObserver(error));
         }
         for (rows, own) in self.rows.iter_mut().zip(own) {
@@ -527,6 +532,7 @@ impl Collector<'_> {
             rows.push(scores.into_iter().map(row).collect());
         }
         outcome.comparisons.extend(comparison);
+        let agreement = agreement.map(|agreement| (sample.id.clone(), agreement));
         outcome.agreements.extend(agreement);
         self.looks.extend(look);
         rows

@@ -6,7 +6,7 @@
 //! command line, and the files of a finished run ([`super::write`](mod@super::write)).
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeSet, HashMap},
     path::{Path, PathBuf},
     time::Instant,
 };
@@ -25,12 +25,12 @@ use strat_store::{
 
 use super::{
     Comparison, Evaluation, GaveUp, NamedFile, Observer, Predictor, Task,
-    agreement::Agreement,
+    agreement::{Agreement, ImageAgreement},
     evaluate,
     findings::{Remark, extremes, images_in, remarks},
     fitting::{self, Fitted},
     identity::Identity,
-    journal::{self, Journal},
+    journal::{self, Journal, OfImage},
     median::{self, MedianDepth},
     ownership::{self, MARK, Planned},
     plan,
@@ -38,6 +38,7 @@ use super::{
     record::{self, DataRecord, Failure, ModelRecord, Outcome, ProtocolRecord, RunRecord, slug},
     request::{Draw, Finished, Request, RunError},
     shards,
+    suspicion::FIRST_IMAGES,
 };
 use crate::{
     model::{Model, vet::vet},
@@ -349,7 +350,8 @@ impl TableRun<'_> {
         if let Some(writer) = subject.writer {
             writer.finish()?;
         }
-        let agreement = Agreement::of(&evaluation.agreements);
+        let agreements = evaluation.agreements.iter().map(|(_, one)| *one);
+        let agreement = Agreement::of(&agreements.collect::<Vec<_>>());
         let record = ModelRecord {
             agreement,
             images: images_in(&evaluation.rows),
@@ -446,10 +448,14 @@ impl TableRun<'_> {
                  row: {changes}"
             ));
         }
-        let mut before = before.rows;
+        let mut before = before.images;
         // Rows alone make neither pictures nor saved predictions.
         let saving = subject.writer.is_some();
         before.retain(|image, _| !saving && !self.pictured.contains(image));
+        // What is suspected of a model is suspected after the first images of a run.
+        for sample in self.samples.iter().take(FIRST_IMAGES) {
+            before.remove(&sample.id);
+        }
         let left: Vec<Sample> = self
             .samples
             .iter()
@@ -483,8 +489,16 @@ impl TableRun<'_> {
         let mut found = evaluate(&task, name, predictor, pool, &progress, &mut recorder)?;
         progress.finish();
         if !before.is_empty() {
-            found.rows.extend(before.into_values().flatten());
             let order: Vec<&str> = self.samples.iter().map(|s| s.id.as_str()).collect();
+            for (image, OfImage { rows, agreement }) in before {
+                found.rows.extend(rows);
+                found.agreements.extend(agreement.map(|one| (image, one)));
+            }
+            // Sums depend on the order of what is summed up.
+            let positions: HashMap<&str, usize> = order.iter().copied().zip(0..).collect();
+            found
+                .agreements
+                .sort_by_key(|(image, _)| positions.get(image.as_str()).copied());
             let names: Vec<&str> = protocols.iter().map(|(p, _)| p.name.as_str()).collect();
             record::sort_rows(&mut found.rows, &[name], &names, &order);
         }
@@ -570,8 +584,8 @@ impl Observer for Recorder<'_> {
         }
     }
 
-    fn scored(&mut self, rows: &[Row]) -> Result<(), RunError> {
-        self.journal.add(rows)?;
+    fn scored(&mut self, rows: &[Row], agreement: Option<ImageAgreement>) -> Result<(), RunError> {
+        self.journal.add(rows, agreement)?;
         Ok(self.watch.check()?)
     }
 }

@@ -14,7 +14,7 @@ use strat_onnx::graph::{Filter, Geometry, GraphBuilder};
 use strat_splits::Split;
 use strat_store::{
     exr::{self, DepthHeader},
-    image_files,
+    fault, image_files,
     raster::Plane,
     yaml,
 };
@@ -40,6 +40,21 @@ fn same_results(world: &World, a: &str, b: &str) {
         assert_eq!(of(a), of(b), "{file}");
     }
 }
+
+/// What two runs say of each model, in their records.
+#[track_caller]
+fn same_findings(world: &World, a: &str, b: &str) {
+    let of = |out: &str| {
+        let record: RunRecord = yaml::load(&world.path(out).join("run.yaml")).unwrap();
+        let agreements: Vec<_> = record.models.iter().map(|model| model.agreement).collect();
+        (agreements, record.warnings)
+    };
+    assert!(of(a).0.iter().all(Option::is_some));
+    assert_eq!(of(a), of(b));
+}
+
+/// The change of files before which a run is killed: the one that adds the rows of the last image.
+const KILLED_AT: &str = "39";
 
 /// Saves an array `[count, rows, columns]` of one value, with its description.
 fn save(path: &Path, shape: (usize, usize, usize), value: f32, description: &str) {
@@ -336,7 +351,7 @@ fn parts_merge_into_the_bytes_of_one_run() {
 
 #[test]
 fn an_interrupted_run_goes_on_and_ends_the_same() {
-    let world = World::new(Split::Kitti, 9, true);
+    let world = World::new(Split::Kitti, 12, true);
     let model = write_model(world.folder.path(), "looks", 0.02, 0.05, "kitti");
     let asked = ["--model", &text(&model)];
     world.bench("all", "whole", &asked).code(0);
@@ -346,38 +361,27 @@ fn an_interrupted_run_goes_on_and_ends_the_same() {
         names.any(|name| name.starts_with("unfinished"))
     };
     assert!(!left_over("whole"));
-    // What a killed run leaves: the rows of some images, the last one in part.
-    let rows = world.rows("whole");
-    let mut journal = Vec::new();
-    let some: Vec<_> = (0..4)
-        .flat_map(|image| {
-            let id = format!("kitti2015/{image:06}");
-            let own = rows.iter().filter(move |row| row.image == id);
-            own.cloned().collect::<Vec<_>>()
-        })
-        .collect();
-    strat_metrics::rows::write(&some, &mut journal).unwrap();
-    journal.truncate(journal.len() - 20);
-    fs::create_dir(world.path("again")).unwrap();
-    let place = world.path("again/unfinished-looks.csv");
-    let record: RunRecord = yaml::load(&world.path("whole/run.yaml")).unwrap();
-    let mut facts = record.models[0].facts();
-    facts.add("bench", &record.tool_version);
-    facts.add("prepared set", &record.data.data_digest);
-    for protocol in &record.protocols {
-        facts.add(&format!("protocol {}", protocol.name), &protocol.digest);
-    }
+    // What a killed run leaves: eleven images, of which the last could be there in part.
     let interrupt = || {
-        fs::write(&place, &journal).unwrap();
-        let facts = yaml::to_string(&facts).unwrap();
-        fs::write(place.with_extension("yaml"), facts).unwrap();
+        let mut process = Command::cargo_bin("bench").unwrap();
+        process
+            .args(["--table", "all", "--runtime", "embedded", "--data"])
+            .arg(world.path("set"))
+            .arg("--out")
+            .arg(world.path("again"))
+            .args(asked)
+            .env(fault::AT, KILLED_AT);
+        assert!(!process.output().unwrap().status.success());
     };
+    let place = world.path("again/unfinished-looks.csv");
     interrupt();
+    // The first eight are measured again, since they are what is suspected of a model.
     world
         .bench("all", "again", &asked)
         .code(0)
-        .says("3 of 9 images were measured before");
+        .says("2 of 12 images were measured before");
     same_results(&world, "whole", "again");
+    same_findings(&world, "whole", "again");
     assert!(!left_over("again"));
     // A sum divided among more threads may be another one.
     interrupt();
@@ -450,6 +454,7 @@ fn killed_at_any_moment_the_next_run_completes_it() {
         .bench("3.1", "killed", &["--model", &text(&model)])
         .code(0);
     same_results(&world, "whole", "killed");
+    same_findings(&world, "whole", "killed");
 }
 
 /// A network of TensorFlow's layout: the convolution sees rows as channels, so that one by one it
