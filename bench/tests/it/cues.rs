@@ -529,7 +529,7 @@ fn models_without_a_scale_are_judged_too() {
     assert!(world.rows().iter().all(|row| row.depth > 0.0));
     // The ground of equation 4.1, in metres: the camera's height comes back.
     world.model("row", "disparity_fraction", known(&Known::Map(&ground())));
-    world.cues(&["row"], &["height"]).code(0);
+    world.cues(&["row"], &["height", "--force"]).code(0);
     let text = fs::read_to_string(world.path("out/summary.md")).unwrap();
     assert!(text.contains("implied camera height"), "{text}");
 }
