@@ -1,5 +1,7 @@
 //! Arguments that several subcommands share, and how the crate's types are spelled on the command
 //! line.
+//!
+//! The groups of arguments have plain comments: clap would take documentation for that of the command.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +18,7 @@ use crate::{
     },
 };
 
-/// What runs models; the same for all subcommands that run some.
+// What runs models; the same for all subcommands that run some.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct RuntimeArgs {
     /// Where models run: cpu, cuda, cuda:1, tensorrt, coreml or directml (see `bench devices`)
@@ -63,7 +65,7 @@ impl RuntimeArgs {
     }
 }
 
-/// How many threads work; the same for all subcommands that do not measure time.
+// How many threads work; the same for all subcommands that do not measure time.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct ThreadArgs {
     /// Threads beside the model, for decoding, measuring and writing [default: all cores]
@@ -88,7 +90,7 @@ impl ThreadArgs {
     }
 }
 
-/// Whose results may be replaced; the same for all subcommands that keep what they measured.
+// Whose results may be replaced; the same for all subcommands that keep what they measured.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct ReplaceArgs {
     /// Replace results of another run in --out; without it only those are that are made again
@@ -96,7 +98,7 @@ pub(super) struct ReplaceArgs {
     pub(super) force: bool,
 }
 
-/// The camera of images that bring none; both numbers or neither.
+// The camera of images that bring none; both numbers or neither.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct CameraArgs {
     /// Focal length in pixels of the images' own width; depth from disparity needs it

@@ -2,11 +2,11 @@
 
 use std::{collections::BTreeMap, fs, path::Path};
 
-use ndarray::Array3;
 use strat_splits::Split;
 
 use crate::command::{bench, text};
 use crate::fixtures::{HEIGHT, WIDTH, write_model};
+use crate::npy;
 use crate::world::World;
 
 /// A set, and predictions of one depth each: `near.npy` and `far.npy`.
@@ -14,8 +14,12 @@ fn world() -> World {
     let world = World::new(Split::Eigen, 2, false);
     for (name, depth_m) in [("near", 9.0_f32), ("far", 11.0)] {
         let path = world.path(name).with_extension("npy");
-        let maps = Array3::from_elem((2, HEIGHT as usize, WIDTH as usize), depth_m);
-        ndarray_npy::write_npy(&path, &maps).unwrap();
+        let shape = [2, HEIGHT as usize, WIDTH as usize];
+        npy::write(
+            &path,
+            &shape,
+            std::iter::repeat_n(depth_m, shape.iter().product()),
+        );
         fs::write(path.with_extension("yaml"), "meaning: depth_m\n").unwrap();
     }
     world

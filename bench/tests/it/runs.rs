@@ -8,7 +8,6 @@ use std::{
 };
 
 use assert_cmd::Command;
-use ndarray::Array3;
 use strat_bench::evaluate::record::RunRecord;
 use strat_onnx::graph::{Filter, Geometry, GraphBuilder};
 use strat_splits::Split;
@@ -23,6 +22,7 @@ use crate::command::{Ran, run, text};
 use crate::fixtures::{
     HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, SCAN_DEPTH_M, WIDTH, network, write_model,
 };
+use crate::npy;
 use crate::world::World;
 
 /// Files that must not depend on how a run was divided or interrupted.
@@ -58,7 +58,9 @@ const KILLED_AT: &str = "39";
 
 /// Saves an array `[count, rows, columns]` of one value, with its description.
 fn save(path: &Path, shape: (usize, usize, usize), value: f32, description: &str) {
-    ndarray_npy::write_npy(path, &Array3::from_elem(shape, value)).unwrap();
+    let (count, rows, columns) = shape;
+    let values = std::iter::repeat_n(value, count * rows * columns);
+    npy::write(path, &[count, rows, columns], values);
     fs::write(path.with_extension("yaml"), description).unwrap();
 }
 
@@ -179,8 +181,9 @@ fn a_folder_of_pictures_is_read_by_the_names_of_the_images() {
     let exr = exr::encode_depth(&plane, &header).unwrap();
     fs::write(folder.join("kitti2015_000001.exr"), exr).unwrap();
     fs::create_dir(folder.join("kitti2015")).unwrap();
-    let array = Array3::from_elem((1, HEIGHT as usize, WIDTH as usize), disparity_px);
-    ndarray_npy::write_npy(folder.join("kitti2015/000002.npy"), &array).unwrap();
+    let shape = [1, HEIGHT as usize, WIDTH as usize];
+    let values = std::iter::repeat_n(disparity_px, pixels);
+    npy::write(&folder.join("kitti2015/000002.npy"), &shape, values);
     let asked = ["--predictions", &text(&folder)];
     world
         .bench("3.1", "none", &asked)
@@ -218,11 +221,9 @@ fn arrays_of_the_whole_split_are_in_published_order() {
     let path = world.path("all.npy");
     let describe = "meaning: disparity_fraction\n";
     let array = |place: usize, count: usize| {
-        let mut array = Array3::from_elem((count, 2, 4), 0.5_f32);
-        array
-            .index_axis_mut(ndarray::Axis(0), place)
-            .fill(3.6 / 124.0);
-        ndarray_npy::write_npy(&path, &array).unwrap();
+        let value = |map| if map == place { 3.6 / 124.0 } else { 0.5 };
+        let values = (0..count).flat_map(|map| [value(map); 8]);
+        npy::write(&path, &[count, 2, 4], values);
     };
     save(&path, (1, 2, 4), 0.5, describe);
     array(place, list.len());

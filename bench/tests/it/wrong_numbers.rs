@@ -4,7 +4,6 @@
 use std::{fs, path::Path};
 
 use assert_cmd::Command;
-use ndarray::Array3;
 use strat_metrics::Row;
 use strat_onnx::metadata::{Spread, TrainingCamera};
 use strat_splits::Split;
@@ -13,6 +12,7 @@ use crate::command::{Ran, run, text};
 use crate::fixtures::{
     BASELINE_M, FOCAL_PX, HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, SCAN_DEPTH_M, WIDTH, metadata, network,
 };
+use crate::npy;
 use crate::world::World;
 
 /// True depth along the camera's axis.
@@ -29,10 +29,10 @@ fn save(
     value: impl Fn(usize, usize) -> f32,
     description: &str,
 ) {
-    let maps = Array3::from_shape_fn((images, rows, columns), |(_, row, column)| {
-        value(row, column)
-    });
-    ndarray_npy::write_npy(path, &maps).unwrap();
+    let places =
+        (0..images * rows).flat_map(|row| (0..columns).map(move |column| (row % rows, column)));
+    let values = places.map(|(row, column)| value(row, column));
+    npy::write(path, &[images, rows, columns], values);
     describe(path, description);
 }
 
