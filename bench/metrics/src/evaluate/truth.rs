@@ -201,7 +201,7 @@ pub(super) fn check_plane(
     check_values(
         plane,
         width,
-        |value| value >= 0.0 && value <= f32::MAX,
+        |value| (0.0..=f32::MAX).contains(&value),
         error,
     )
 }
