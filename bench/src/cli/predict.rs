@@ -175,13 +175,15 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
     };
     let targets = maps::targets(&request, &model.description)?;
     maps::refuse_collisions(&jobs, &targets)?;
+    // The model is run while the settings are kept.
+    let (runtime, provider) = (model.runtime().to_owned(), model.provider().to_owned());
     let settings = Settings {
         tool: MARK.command,
         tool_version: TOOL_VERSION,
         blake3: &model.file.blake3.clone(),
         description: &model.description.clone(),
-        runtime: &model.runtime().to_owned(),
-        provider: &model.provider().to_owned(),
+        runtime: &runtime,
+        provider: &provider,
         device: args.runtime.device.to_string(),
         camera,
         nearest_m: args.nearest_m,

@@ -219,6 +219,16 @@ fn runtimes() -> Vec<Runtime> {
 
 const IMAGENET: &str = "mean: [0.485, 0.456, 0.406], std: [0.229, 0.224, 0.225]";
 
+/// Name, network, input and output of its description, image, and what numpy makes of it.
+type Form<'a> = (
+    &'a str,
+    Network<'a>,
+    String,
+    &'a str,
+    &'a RgbImage,
+    [f64; 3],
+);
+
 #[test]
 fn every_form_gives_the_map_that_numpy_computes() {
     let folder = tempfile::tempdir().unwrap();
@@ -227,7 +237,7 @@ fn every_form_gives_the_map_that_numpy_computes() {
     let relative = "{meaning: inverse_depth}";
     // Recipe: make_golden.py bench/input-forms: the sum of each map, and its values in row 2, column 3 and
     // in the last pixel.
-    let forms: [(&str, Network<'_>, String, &str, &RgbImage, [f64; 3]); 10] = [
+    let forms: [Form<'_>; 10] = [
         ("fixed", Network { size: [12, 16], ..PLAIN }, "range: 0..1, width: 16, height: 12, kernel: opencv-linear".to_owned(), relative, &small, [522.695137571, 1.014032522, 0.826470588]),
         ("channels last", Network { is_nhwc: true, size: [12, 16], ..PLAIN }, "range: 0..255, width: 16, height: 12, kernel: bilinear, layout: nhwc".to_owned(), relative, &small, [62421.260080645, 131.578293011, 83.75]),
         ("half", Network { element: data_type::FLOAT16, rank: 3, ..PLAIN }, "range: 0..1, width: 16, height: 12, kernel: opencv-linear".to_owned(), relative, &small, [522.695137571, 1.014032522, 0.826470588]),
