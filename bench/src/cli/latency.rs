@@ -110,7 +110,6 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
     );
     claim::check_file(&path, &inputs, "bench latency", latency::HEADER)?;
     files::check_writable(&args.out)?;
-    files::remove_leftovers_among(&args.out, |_| false)?;
     let processor = inventory::processor();
     let threads = if args.threads.is_empty() {
         vec![processor.threads]

@@ -14,7 +14,7 @@ use strat_metrics::{
     tables::{Coverage, Source},
 };
 use strat_store::inputs::{self, Kind};
-use strat_store::{files, yaml};
+use strat_store::{claim, files, yaml};
 
 use crate::rows::compare::{CompareError, protocols_of, read_rows};
 
@@ -98,6 +98,7 @@ pub fn read(path: &Path) -> Result<Vec<Entry>, PublishError> {
 fn write(path: &Path, entries: &[Entry]) -> Result<(), PublishError> {
     let mut bytes = Vec::new();
     leaderboard::write(entries, &mut bytes)?;
+    claim::remove_leftovers_beside(path)?;
     Ok(files::write_atomic(path, &bytes)?)
 }
 

@@ -213,10 +213,21 @@ pub fn check_file(path: &Path, inputs: &[&Path], command: &str, begins: &str) ->
         return Err(refuse("this is a folder; give a file".to_owned()));
     }
     match begins_with(path, begins)? {
-        None | Some(true) => Ok(()),
+        None | Some(true) => remove_leftovers_beside(path),
         Some(false) => Err(refuse(format!(
             "this file was not written by `{command}`; give another name or remove it"
         ))),
+    }
+}
+
+/// Removes what killed runs have left half-written beside a single output file.
+///
+/// # Errors
+/// The folder cannot be read or a leftover not be removed.
+pub fn remove_leftovers_beside(path: &Path) -> Result<()> {
+    match path.parent() {
+        Some(folder) if folder.is_dir() => files::remove_leftovers_among(folder, |_| false),
+        _ => Ok(()),
     }
 }
 

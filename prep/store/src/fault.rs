@@ -15,6 +15,9 @@ pub const AT: &str = "STRAT_FAULT_AT";
 /// it is not set.
 pub const ERROR: &str = "STRAT_FAULT";
 
+/// Environment variable with a file that gets a byte for each change: its size is their number.
+pub const CHANGES: &str = "STRAT_FAULT_COUNT";
+
 /// Signals by the names that `kill` takes.
 pub const SIGNALS: [&str; 3] = ["INT", "TERM", "HUP"];
 
@@ -32,6 +35,15 @@ pub fn point() -> io::Result<()> {
 
     static CHOSEN: LazyLock<Option<u64>> = LazyLock::new(|| std::env::var(AT).ok()?.parse().ok());
     static COUNT: AtomicU64 = AtomicU64::new(0);
+    static TALLY: LazyLock<Option<std::path::PathBuf>> =
+        LazyLock::new(|| std::env::var_os(CHANGES).map(Into::into));
+    if let Some(tally) = &*TALLY {
+        let mut file = std::fs::File::options()
+            .append(true)
+            .create(true)
+            .open(tally)?;
+        file.write_all(b"x")?;
+    }
     let Some(chosen) = *CHOSEN else { return Ok(()) };
     if COUNT.fetch_add(1, Ordering::Relaxed) + 1 != chosen {
         return Ok(());

@@ -52,6 +52,7 @@ pub fn export_run(
     let info = folder.info()?;
     let target = out.map_or_else(|| run.join(MODEL), Path::to_path_buf);
     check_replaceable(&target, run, (&config, &info), force)?;
+    claim::remove_leftovers_beside(&target)?;
     let (newest, warnings) = folder.newest(&info)?;
     let checkpoint = newest.ok_or_else(|| Error::NoRun {
         folder: run.to_path_buf(),
