@@ -166,7 +166,7 @@ pub struct Entry {
     pub metrics: [Option<f64>; 7],
     /// 95 % intervals of the means.
     pub intervals: [Option<Interval>; 7],
-    /// Means of the further metrics in the order of [`FurtherMetric::ALL`], where they were measured.
+    /// Means of the further metrics in the order of [`FurtherMetric::ALL`](crate::FurtherMetric::ALL), where they were measured.
     pub further: [Option<f64>; 5],
     /// 95 % intervals of those means.
     pub further_intervals: [Option<Interval>; 5],
