@@ -18,6 +18,9 @@ pub enum Preset {
     Tiny,
     /// About 460 stereo pairs at native size: enough to train a small network (minutes).
     Demo,
+    /// Some 700 pairs at half the native size from all drives of the Eigen split: enough to
+    /// compare trainings drive by drive (minutes).
+    Miniature,
     /// Thousands of pairs at half the native size: all training drives thinned out, all
     /// test frames of both splits (tens of minutes).
     Study,
@@ -25,7 +28,7 @@ pub enum Preset {
 
 impl Preset {
     /// All presets.
-    pub const ALL: [Self; 3] = [Self::Tiny, Self::Demo, Self::Study];
+    pub const ALL: [Self; 4] = [Self::Tiny, Self::Demo, Self::Miniature, Self::Study];
 
     /// What it is for, as `--help` says it.
     pub fn about(self) -> &'static str {
@@ -33,6 +36,10 @@ impl Preset {
             Self::Tiny => "A handful of frames at a third of the native size, for tests (seconds)",
             Self::Demo => {
                 "About 460 stereo pairs at native size: enough to train a small network (minutes)"
+            }
+            Self::Miniature => {
+                "Some 700 stereo pairs at half the native size, from all drives of the Eigen split: enough to \
+                 compare trainings drive by drive (minutes)"
             }
             Self::Study => {
                 "Thousands of pairs at half the native size: all training drives thinned out, all test \
@@ -46,6 +53,7 @@ impl Preset {
         match self {
             Self::Tiny => "tiny",
             Self::Demo => "demo",
+            Self::Miniature => "miniature",
             Self::Study => "study",
         }
     }
@@ -55,7 +63,7 @@ impl Preset {
         match self {
             Self::Tiny => 3,
             Self::Demo => 1,
-            Self::Study => 2,
+            Self::Miniature | Self::Study => 2,
         }
     }
 
@@ -64,7 +72,7 @@ impl Preset {
         match self {
             Self::Tiny => 360,
             Self::Demo => 1000,
-            Self::Study => 720,
+            Self::Miniature | Self::Study => 720,
         }
     }
 }
@@ -99,28 +107,30 @@ pub(crate) enum Purpose {
     Stereo { number: usize },
 }
 
-/// Training drives (in both splits) and Eigen test drives (test in both splits).
+/// Frames of some training drives and of some Eigen test drives.
 struct Choice {
-    training: &'static [&'static str],
+    training: fn() -> Vec<&'static Drive>,
     per_drive: u32,
     /// Frames between two of one drive.
     stride: u32,
     validation: usize,
-    testing: &'static [&'static str],
+    testing: fn() -> Vec<&'static Drive>,
     tests: usize,
     stereo: &'static [usize],
 }
 
 const TINY: Choice = Choice {
-    training: &["2011_09_26_drive_0001", "2011_09_29_drive_0026"],
+    training: || named(&["2011_09_26_drive_0001", "2011_09_29_drive_0026"]),
     per_drive: 4,
     stride: 16,
     validation: 2,
-    testing: &[
-        "2011_09_26_drive_0013",
-        "2011_09_26_drive_0101",
-        "2011_10_03_drive_0047",
-    ],
+    testing: || {
+        named(&[
+            "2011_09_26_drive_0013",
+            "2011_09_26_drive_0101",
+            "2011_10_03_drive_0047",
+        ])
+    },
     tests: 1,
     stereo: &[2, 155, 170],
 };
@@ -128,41 +138,45 @@ const TINY: Choice = Choice {
 const DEMO: Choice = Choice {
     // Every drive that both splits train on: a model that has seen few streets learns those
     // streets instead of depth.
-    training: &[
-        "2011_09_26_drive_0001",
-        "2011_09_26_drive_0035",
-        "2011_09_26_drive_0039",
-        "2011_09_26_drive_0060",
-        "2011_09_26_drive_0061",
-        "2011_09_26_drive_0079",
-        "2011_09_26_drive_0087",
-        "2011_09_26_drive_0091",
-        "2011_09_26_drive_0095",
-        "2011_09_26_drive_0113",
-        "2011_09_28_drive_0001",
-        "2011_09_29_drive_0026",
-        "2011_09_30_drive_0020",
-        "2011_09_30_drive_0028",
-        "2011_09_30_drive_0033",
-        "2011_09_30_drive_0034",
-        "2011_10_03_drive_0034",
-        "2011_10_03_drive_0042",
-    ],
+    training: || {
+        named(&[
+            "2011_09_26_drive_0001",
+            "2011_09_26_drive_0035",
+            "2011_09_26_drive_0039",
+            "2011_09_26_drive_0060",
+            "2011_09_26_drive_0061",
+            "2011_09_26_drive_0079",
+            "2011_09_26_drive_0087",
+            "2011_09_26_drive_0091",
+            "2011_09_26_drive_0095",
+            "2011_09_26_drive_0113",
+            "2011_09_28_drive_0001",
+            "2011_09_29_drive_0026",
+            "2011_09_30_drive_0020",
+            "2011_09_30_drive_0028",
+            "2011_09_30_drive_0033",
+            "2011_09_30_drive_0034",
+            "2011_10_03_drive_0034",
+            "2011_10_03_drive_0042",
+        ])
+    },
     per_drive: 20,
     stride: 40,
     validation: 2,
-    testing: &[
-        "2011_09_26_drive_0009",
-        "2011_09_26_drive_0013",
-        "2011_09_26_drive_0027",
-        "2011_09_26_drive_0036",
-        "2011_09_26_drive_0046",
-        "2011_09_26_drive_0096",
-        "2011_09_26_drive_0101",
-        "2011_09_28_drive_0002",
-        "2011_09_29_drive_0071",
-        "2011_10_03_drive_0047",
-    ],
+    testing: || {
+        named(&[
+            "2011_09_26_drive_0009",
+            "2011_09_26_drive_0013",
+            "2011_09_26_drive_0027",
+            "2011_09_26_drive_0036",
+            "2011_09_26_drive_0046",
+            "2011_09_26_drive_0096",
+            "2011_09_26_drive_0101",
+            "2011_09_28_drive_0002",
+            "2011_09_29_drive_0071",
+            "2011_10_03_drive_0047",
+        ])
+    },
     tests: 4,
     stereo: &[
         0, 2, 5, 11, 19, 27, 36, 44, 53, 61, 70, 79, 88, 97, 108, 117, 126, 137, 148, 155, 160,
@@ -170,11 +184,22 @@ const DEMO: Choice = Choice {
     ],
 };
 
+const MINIATURE: Choice = Choice {
+    training: || of_eigen(DriveRole::Train),
+    per_drive: 14,
+    stride: 40,
+    validation: 1,
+    testing: || of_eigen(DriveRole::Test),
+    tests: 8,
+    stereo: &[],
+};
+
 /// The shots of a preset, raw drives first.
 pub(crate) fn shots(preset: Preset) -> Vec<Shot> {
     let (raw, stereo): (BTreeSet<FrameId>, Vec<usize>) = match preset {
         Preset::Tiny => chosen(&TINY),
         Preset::Demo => chosen(&DEMO),
+        Preset::Miniature => chosen(&MINIATURE),
         Preset::Study => {
             let mut raw: BTreeSet<FrameId> = eigen_test().iter().copied().collect();
             for split in [Split::Kitti, Split::Eigen] {
@@ -198,7 +223,7 @@ fn chosen(choice: &Choice) -> (BTreeSet<FrameId>, Vec<usize>) {
         .chain(validation(Split::Eigen))
         .collect();
     let mut raw = BTreeSet::new();
-    for drive in named(choice.training) {
+    for drive in (choice.training)() {
         let stride = choice.stride.min(drive.frames / choice.per_drive).max(1);
         let mut taken = 0;
         let mut index = 0;
@@ -222,7 +247,7 @@ fn chosen(choice: &Choice) -> (BTreeSet<FrameId>, Vec<usize>) {
                 .take(choice.validation),
         );
     }
-    for drive in named(choice.testing) {
+    for drive in (choice.testing)() {
         let frames: Vec<FrameId> = eigen_test()
             .iter()
             .copied()
@@ -234,9 +259,14 @@ fn chosen(choice: &Choice) -> (BTreeSet<FrameId>, Vec<usize>) {
     (raw, choice.stereo.to_vec())
 }
 
-fn named(names: &[&str]) -> impl Iterator<Item = &'static Drive> {
+fn named(names: &[&str]) -> Vec<&'static Drive> {
     let wanted: Vec<DriveId> = names.iter().filter_map(|n| n.parse().ok()).collect();
-    drives().iter().filter(move |d| wanted.contains(&d.id))
+    drives().iter().filter(|d| wanted.contains(&d.id)).collect()
+}
+
+fn of_eigen(role: DriveRole) -> Vec<&'static Drive> {
+    let eigen = drives().iter();
+    eigen.filter(|d| d.role(Split::Eigen) == role).collect()
 }
 
 fn theme(category: Category) -> Theme {
@@ -336,6 +366,18 @@ mod tests {
             assert_eq!(val, validation(split).len());
             assert_eq!((test, stereo), (697, 200));
         }
+    }
+
+    #[test]
+    fn the_miniature_has_every_drive_of_the_eigen_split() {
+        let raw = raw_frames(Preset::Miniature);
+        let drives_of = |frames: &[FrameId]| {
+            let there = frames.iter().filter(|f| raw.contains(f));
+            there.map(|f| f.drive).collect::<BTreeSet<_>>().len()
+        };
+        assert_eq!(drives_of(&training(Split::Eigen)), 33);
+        assert_eq!(drives_of(eigen_test()), 28);
+        assert_eq!(counts(Preset::Miniature, Split::Eigen), (462, 33, 224, 0));
     }
 
     #[test]
