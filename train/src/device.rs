@@ -4,8 +4,8 @@
 //! features. The default device of burn is never used: it depends on which features
 //! some crate of the build turned on.
 
-use std::fmt;
 use std::str::FromStr;
+use std::{fmt, panic};
 
 use burn::tensor::Device;
 
@@ -20,6 +20,9 @@ pub enum DeviceChoice {
     Wgpu(Option<usize>),
     /// An NVIDIA GPU through CUDA, by index.
     Cuda(usize),
+    /// The processor with one gradient spoilt on purpose, for tests and whoever wants to see it refused
+    /// (see [`crate::training::check`]).
+    Faulty,
 }
 
 impl fmt::Display for DeviceChoice {
@@ -30,6 +33,7 @@ impl fmt::Display for DeviceChoice {
             Self::Wgpu(Some(index)) => write!(f, "wgpu:{index}"),
             Self::Cuda(0) => f.write_str("cuda"),
             Self::Cuda(index) => write!(f, "cuda:{index}"),
+            Self::Faulty => f.write_str("faulty"),
         }
     }
 }
@@ -54,6 +58,7 @@ impl FromStr for DeviceChoice {
             ("cpu", Some(_)) => Err(Error::Device(
                 "the cpu device has no index; write --device cpu".to_owned(),
             )),
+            ("faulty", None) => Ok(Self::Faulty),
             ("wgpu", index) => Ok(Self::Wgpu(index)),
             ("cuda", index) => Ok(Self::Cuda(index.unwrap_or(0))),
             _ => Err(Error::Device(format!(
@@ -81,7 +86,7 @@ impl DeviceChoice {
     /// When the backend is not built in, or nothing answers on it.
     pub fn open(self) -> Result<Device> {
         match self {
-            Self::Cpu => Ok(Device::flex()),
+            Self::Cpu | Self::Faulty => Ok(Device::flex()),
             Self::Wgpu(index) => open_wgpu(index),
             Self::Cuda(index) => open_cuda(index),
         }
@@ -111,22 +116,35 @@ pub fn list() -> Vec<Listed> {
     lines
 }
 
+/// Runs work on a device whose backend ends what it cannot do with a panic; its sentence then.
+///
+/// # Errors
+/// With what the panic said.
+pub(crate) fn guarded<T>(work: impl FnOnce() -> T) -> std::result::Result<T, String> {
+    let hook = panic::take_hook();
+    panic::set_hook(Box::new(|_| {}));
+    let done = panic::catch_unwind(panic::AssertUnwindSafe(work));
+    panic::set_hook(hook);
+    done.map_err(|payload| {
+        let text = payload.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| payload.downcast_ref::<&str>().copied());
+        text.unwrap_or("it gave no reason").trim().to_owned()
+    })
+}
+
 /// Whether a small computation gives its result on the device.
 ///
 /// A missing driver shows itself only when the first kernel runs, and then as a panic.
 #[cfg(any(feature = "wgpu", feature = "cuda"))]
-fn answers(make: impl FnOnce() -> Device + std::panic::UnwindSafe) -> Option<Device> {
-    let hook = std::panic::take_hook();
-    std::panic::set_hook(Box::new(|_| {}));
-    let device = std::panic::catch_unwind(|| {
+fn answers(make: impl FnOnce() -> Device) -> Option<Device> {
+    let answered = guarded(|| {
         let device = make();
         let sum: f32 = burn::tensor::Tensor::<1>::ones([4], &device)
             .sum()
             .into_scalar();
         (sum == 4.0).then_some(device)
     });
-    std::panic::set_hook(hook);
-    device.ok().flatten()
+    answered.ok().flatten()
 }
 
 #[cfg(feature = "wgpu")]
@@ -176,7 +194,7 @@ mod tests {
 
     #[test]
     fn names_are_read_and_written() {
-        for name in ["cpu", "wgpu", "wgpu:1", "cuda", "cuda:2"] {
+        for name in ["cpu", "wgpu", "wgpu:1", "cuda", "cuda:2", "faulty"] {
             assert_eq!(name.parse::<DeviceChoice>().unwrap().to_string(), name);
         }
         for (name, part) in [
@@ -195,6 +213,13 @@ mod tests {
         assert_eq!(lines.len(), 3);
         assert!(lines[0].usable && lines[0].name == "cpu");
         assert!(DeviceChoice::Cpu.open().is_ok());
+    }
+
+    #[test]
+    fn what_a_backend_cannot_do_becomes_a_sentence() {
+        assert_eq!(guarded(|| 3), Ok(3));
+        let stopped: std::result::Result<(), String> = guarded(|| panic!("no kernel {}", 7));
+        assert_eq!(stopped, Err("no kernel 7".to_owned()));
     }
 
     #[cfg(not(feature = "cuda"))]

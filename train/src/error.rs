@@ -132,6 +132,10 @@ pub enum Error {
     #[error("{0}")]
     Device(String),
 
+    /// A device that computes something else than the processor, or stops.
+    #[error("{0}")]
+    WrongDevice(String),
+
     /// A step that does not fit into memory, or memory that cannot be measured.
     #[error("{0}")]
     Memory(String),
@@ -175,6 +179,7 @@ impl Error {
             | Self::TooManyBroken { .. }
             | Self::NonFinite { .. }
             | Self::Checkpoint { .. }
+            | Self::WrongDevice(_)
             | Self::Memory(_)
             | Self::Export(_)
             | Self::Threads(_) => false,

@@ -87,16 +87,44 @@ pub fn export(
     metadata: &ModelMetadata,
     path: &Path,
 ) -> Result<f64, ExportError> {
+    // Without autodiff: a forward pass that is never followed by a backward pass keeps its memory.
+    let generator = generator.valid();
+    let (mut metadata, parity) = compare(&generator, metadata, &path.display().to_string())?;
+    if parity.is_nan() || parity > TOLERANCE {
+        return Err(ExportError::Parity {
+            difference: parity,
+            path: path.to_owned(),
+        });
+    }
+    metadata.parity = Some(parity);
+    strat_store::files::write_atomic(path, &model_bytes(&generator, &metadata)?)?;
+    Ok(parity)
+}
+
+/// The parity of what [`export`] would write, however large.
+///
+/// # Errors
+/// As [`export`], but for the difference and the file.
+pub fn parity(generator: &Generator, metadata: &ModelMetadata) -> Result<f64, ExportError> {
+    let (_, parity) = compare(&generator.valid(), metadata, "the exported model")?;
+    Ok(parity)
+}
+
+/// The metadata with its probe, and the largest difference between burn and the embedded runtime;
+/// `name` stands in errors.
+fn compare(
+    generator: &Generator,
+    metadata: &ModelMetadata,
+    name: &str,
+) -> Result<(ModelMetadata, f64), ExportError> {
     let (width, height) = (metadata.input_width, metadata.input_height);
     let multiple = |size: u32| size > 0 && (size as usize).is_multiple_of(SIZE_MULTIPLE);
     if !multiple(width) || !multiple(height) {
         return Err(ExportError::Size { width, height });
     }
-    // Without autodiff: a forward pass that is never followed by a backward pass keeps its memory.
-    let generator = generator.valid();
     let picture = probe_image(width, height);
     let expected = compute(
-        &generator,
+        generator,
         picture.clone(),
         [1, height as usize, width as usize],
     );
@@ -104,14 +132,11 @@ pub fn export(
     metadata.parity = None;
     metadata.probe = Some(Probe::record(width, height, &expected)?);
 
-    let session = EmbeddedSession::from_bytes(
-        model_bytes(&generator, &metadata)?,
-        &path.display().to_string(),
-        None,
-    )?;
+    let bytes = model_bytes(generator, &metadata)?;
+    let session = EmbeddedSession::from_bytes(bytes, name, None)?;
     let random = random_pictures(3 * RANDOM_PICTURES * (width * height) as usize);
     let random_shape = [RANDOM_PICTURES, height as usize, width as usize];
-    let expected_random = compute(&generator, random.clone(), random_shape);
+    let expected_random = compute(generator, random.clone(), random_shape);
     let mut parity = 0.0_f64;
     for (pictures, batch, expected) in [
         (picture, 1, expected),
@@ -122,16 +147,7 @@ pub fn export(
         let found = outputs.first().map_or(&[][..], |(_, _, values)| values);
         parity = parity.max(largest_difference(found, &expected));
     }
-    drop(session);
-    if parity.is_nan() || parity > TOLERANCE {
-        return Err(ExportError::Parity {
-            difference: parity,
-            path: path.to_owned(),
-        });
-    }
-    metadata.parity = Some(parity);
-    strat_store::files::write_atomic(path, &model_bytes(&generator, &metadata)?)?;
-    Ok(parity)
+    Ok((metadata, parity))
 }
 
 const INPUT: &str = "image";

@@ -41,7 +41,12 @@ pub(super) fn estimate(args: &EstimateArgs) -> Result<(), CliError> {
     let mut measured = Vec::new();
     for batch in &args.measure {
         eprint_line(format_args!("measuring batch {batch}"));
-        measured.push(measure_apart(args, *batch)?);
+        measured.push(measure_apart(
+            &args.setup,
+            args.setup.named()?,
+            device,
+            *batch,
+        )?);
     }
     let free = memory::free();
     let line = Need::through(&measured);
@@ -92,18 +97,24 @@ fn print_json(value: &impl Serialize) -> Result<(), CliError> {
     print_line(serde_json::to_string(value).map_err(CliError::failed)?)
 }
 
-/// Measures one batch size in a process of its own, so that its peak is no other's.
-fn measure_apart(args: &EstimateArgs, batch: u32) -> Result<Measured, CliError> {
+/// Measures one batch size of the configuration `source` in a process of its own, so that its peak is no
+/// other's.
+pub(super) fn measure_apart(
+    setup: &Setup,
+    source: &str,
+    device: DeviceChoice,
+    batch: u32,
+) -> Result<Measured, CliError> {
     let mut command =
         std::process::Command::new(std::env::current_exe().map_err(CliError::failed)?);
     command
         .arg("measure")
-        .args(["--device", &args.setup.devices()?.0.to_string()])
-        .args(["--config", args.setup.named()?]);
-    if let Some(preset) = args.setup.preset {
+        .args(["--device", &device.to_string()])
+        .args(["--config", source]);
+    if let Some(preset) = setup.preset {
         command.args(["--preset", preset.name()]);
     }
-    let settings = args.setup.set.iter().cloned();
+    let settings = setup.set.iter().cloned();
     for setting in settings.chain([format!("batch={batch}")]) {
         command.args(["--set", &setting]);
     }

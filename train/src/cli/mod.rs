@@ -2,6 +2,7 @@
 //!
 //! Results go to stdout, everything else to stderr. Exit codes: 0 done, 1 failed or
 //! interrupted, 2 wrong usage. What the subcommands do is in [`crate::training`].
+mod check;
 mod estimate;
 mod export;
 mod setup;
@@ -12,6 +13,7 @@ use std::ffi::OsString;
 use clap::{Parser, Subcommand};
 use strat_store::command::{CliError, DONE, USAGE, fail, print_line, utf8_arguments};
 
+use self::check::CheckArgs;
 use self::estimate::EstimateArgs;
 use self::export::ExportArgs;
 use self::train::TrainArgs;
@@ -27,6 +29,7 @@ const EXAMPLES: &str = "Examples:
   train export runs/strat --out strat.onnx
   train export runs/strat --out start.safetensors       weights for --set initial_weights=FILE
   train estimate --config kitti-strat                   memory and time by batch size
+  train check --device wgpu                             does it compute what the cpu computes?
   train devices
 
 Exit codes: 0 done, 1 failed or interrupted, 2 wrong usage.";
@@ -47,6 +50,8 @@ enum Command {
     Export(ExportArgs),
     /// Measures memory and time of a step by batch size, on noise.
     Estimate(EstimateArgs),
+    /// Holds a device against the cpu: forward pass, losses, gradients, a step, an exported model.
+    Check(CheckArgs),
     /// One measurement of `estimate`, in a process of its own.
     #[command(hide = true)]
     Measure(EstimateArgs),
@@ -80,6 +85,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
         None => train::train(&cli.train),
         Some(Command::Export(args)) => done(export::export(&args)),
         Some(Command::Estimate(args)) => done(estimate::estimate(&args)),
+        Some(Command::Check(args)) => check::check(&args),
         Some(Command::Measure(args)) => done(estimate::measure(&args)),
         Some(Command::Devices) => done(devices()),
         Some(Command::Configs) => done(configs()),

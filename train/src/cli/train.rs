@@ -32,6 +32,9 @@ pub(super) struct TrainArgs {
     /// Begin although the step is predicted not to fit into the memory that is free.
     #[arg(long)]
     ignore_memory: bool,
+    /// Begin on a GPU without holding it against the cpu first (see `train check`).
+    #[arg(long)]
+    no_check: bool,
     /// Stop after this many optimizer steps in all; the schedules stay those of the epochs.
     #[arg(long, value_name = "N")]
     max_steps: Option<u64>,
@@ -108,6 +111,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<u8, CliError> {
         force: args.force,
         quiet: args.quiet,
         ignore_memory: args.ignore_memory,
+        no_check: args.no_check,
         stop: watch.flag(),
     };
     conclude(&run(&options)?, &options)

@@ -80,7 +80,7 @@ impl Preset {
         named.map_or("", |(name, _)| name)
     }
 
-    pub(super) fn apply(self, config: &mut Config) -> Result<()> {
+    pub(crate) fn apply(self, config: &mut Config) -> Result<()> {
         let (denominator, width, height, batch) = match self {
             Self::Full => (1, 512, 256, 8),
             Self::Half => (2, 512, 256, 8),

@@ -13,6 +13,7 @@ use strat_onnx::metadata::TrainingCamera;
 use strat_store::inputs::{self, Kind};
 use strat_store::{fault, files};
 
+use super::check::Findings;
 use super::checkpoint::{Checkpoint, Checkpoints};
 use crate::config::Config;
 use crate::error::{Error, Result};
@@ -41,6 +42,10 @@ pub struct RunInfo {
     pub framework: String,
     /// Device it was started on.
     pub device: String,
+    /// How far each device but the processor was from it before the training; empty where that was not
+    /// looked at.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub device_checks: Vec<Findings>,
     /// Digest of the settings that decide the weights.
     pub config_digest: String,
     /// Digest of the prepared set.

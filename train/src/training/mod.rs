@@ -1,10 +1,11 @@
 //! A training run: its schedule, its steps, its validation, its checkpoints and its folder.
 //!
 //! [`run`] goes from a prepared set to an exported model; [`trainer`] takes the steps; [`memory`]
-//! predicts what they need. Not here: the networks ([`crate::network`]), the objectives
+//! predicts what they need, [`check`] proves a device. Not here: the networks ([`crate::network`]), the objectives
 //! ([`crate::loss`]), reading and augmenting images ([`crate::data`]).
 
 mod batch;
+pub mod check;
 pub mod checkpoint;
 pub mod folder;
 mod log;

@@ -30,16 +30,22 @@ pub struct Options {
     pub quiet: bool,
     /// Begin although the memory is predicted not to suffice.
     pub ignore_memory: bool,
+    /// Begin although nothing has shown that the devices compute what the processor computes.
+    pub no_check: bool,
     /// Set to true to stop after the current step.
     pub stop: Arc<AtomicBool>,
 }
 
 impl Options {
+    /// All devices, the networks' own first.
+    pub fn devices(&self) -> impl Iterator<Item = DeviceChoice> {
+        std::iter::once(self.device).chain(self.replicas.iter().copied())
+    }
+
     /// All devices, as `--device` names them.
     #[must_use]
     pub fn device_names(&self) -> String {
-        let devices = std::iter::once(&self.device).chain(&self.replicas);
-        let names: Vec<String> = devices.map(ToString::to_string).collect();
+        let names: Vec<String> = self.devices().map(|device| device.to_string()).collect();
         names.join(",")
     }
 }

@@ -8,11 +8,15 @@
 //! and is continued with `--resume`, bit for bit as if it had not been stopped on the CPU
 //! backend.
 
+use std::time::Instant;
+
 use burn::tensor::Device;
 use strat_splits::Role;
 use strat_store::command::eprint_line;
+use strat_store::human;
 use strat_store::set::PreparedSet;
 
+use super::check::{Findings, Part, check};
 use super::checkpoint::State;
 use super::folder::{RunFolder, RunInfo};
 use super::memory::{self, Need};
@@ -64,6 +68,7 @@ pub fn run(options: &Options) -> Result<Outcome> {
             eprint_line(text);
         }
     };
+    let device_checks = check_devices(options, &say)?;
     let mut before = None;
     let mut resumed = None;
     if existing && options.resume {
@@ -95,6 +100,7 @@ pub fn run(options: &Options) -> Result<Outcome> {
         tool_version: env!("CARGO_PKG_VERSION").to_owned(),
         framework: FRAMEWORK.to_owned(),
         device: options.device_names(),
+        device_checks,
         config_digest: config_digest.clone(),
         data_digest: data_digest.clone(),
         split_digest: set.manifest.split_digest.clone(),
@@ -149,6 +155,31 @@ pub fn run(options: &Options) -> Result<Outcome> {
         state,
     };
     session.train(trainer, pairs, &info)
+}
+
+/// Holds every device but the processor against it.
+fn check_devices(options: &Options, say: &impl Fn(&str)) -> Result<Vec<Findings>> {
+    let mut checked: Vec<Findings> = Vec::new();
+    let others = options
+        .devices()
+        .filter(|device| *device != DeviceChoice::Cpu);
+    for device in others.filter(|_| !options.no_check) {
+        let started = Instant::now();
+        let findings = check(&options.config, device, false)?;
+        findings.verdict()?;
+        let gradients = [Part::GeneratorGradients, Part::DiscriminatorGradients];
+        let gradients = gradients
+            .iter()
+            .filter_map(|part| findings.largest(*part))
+            .fold(0.0, |largest: f64, found| largest.max(found.value));
+        say(&format!(
+            "the device {device} computes what the cpu computes: gradients of a small network differ \
+             by {gradients:.1e} at most ({})",
+            human::duration(started.elapsed().as_secs_f64())
+        ));
+        checked.push(findings.summary());
+    }
+    Ok(checked)
 }
 
 /// Where the weights of a run come from.

@@ -267,3 +267,46 @@ fn a_full_stderr_and_a_closed_stdout_end_no_run() {
     assert_eq!(child.wait().unwrap().code(), Some(0));
     assert!(run.join("model.onnx").is_file());
 }
+
+#[test]
+fn a_device_that_computes_wrong_gradients_is_found_and_its_layer_named() {
+    let (code, out, error) = train("check --device faulty");
+    assert_eq!(code, 1, "{error}");
+    assert!(out.contains("gradients of the generator"), "{out}");
+    let wrong: Vec<&str> = out.lines().filter(|line| line.contains("WRONG")).collect();
+    assert_eq!(wrong.len(), 1, "{out}");
+    assert!(wrong[0].contains("decoder.iconv3.weight"), "{out}");
+    assert!(error.contains("decoder.iconv3.weight"), "{error}");
+}
+
+#[test]
+fn the_processor_passes_its_own_check_and_tells_what_a_step_takes() {
+    let (code, out, error) = train("check --preset tiny --set batch=1");
+    assert_eq!(code, 0, "{error}");
+    assert!(!out.contains("WRONG"), "{out}");
+    assert!(out.contains("a step of batch 1 at 128x64 takes"), "{out}");
+}
+
+#[test]
+fn a_run_refuses_a_device_with_wrong_gradients_before_it_writes_anything() {
+    let folder = tempfile::tempdir().unwrap();
+    let (set, out) = (folder.path().join("set"), folder.path().join("run"));
+    crate::prepared::write(&set, 2, 0);
+    let run = format!(
+        "--config kitti-strat --preset tiny --set batch=1 --set network.width=1/32 --max-steps 1 \
+         --data {} --out {} --device faulty",
+        set.display(),
+        out.display()
+    );
+    let (code, _, error) = train(&run);
+    assert_eq!(code, 1, "{error}");
+    assert!(error.contains("decoder.iconv3.weight"), "{error}");
+    assert!(!out.join("config.yaml").exists());
+    let (code, _, error) = train(&format!("{run} --no-check"));
+    assert_eq!(code, 0, "{error}");
+    let info = std::fs::read_to_string(out.join("run.json")).unwrap();
+    assert!(
+        info.contains("faulty") && !info.contains("device_checks"),
+        "{info}"
+    );
+}

@@ -39,6 +39,7 @@ fn options(root: &Path, out: &str, settings: &[&str]) -> Options {
         force: false,
         quiet: true,
         ignore_memory: false,
+        no_check: false,
         stop: Arc::new(AtomicBool::new(false)),
     }
 }
