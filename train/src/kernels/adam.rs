@@ -4,6 +4,7 @@ use burn::backend::Flex;
 use burn::optim::{Adam, AdamConfig, AdamState, AdaptiveMomentumState, LearningRate, Optimizer};
 use burn::tensor::{Device, Tensor};
 use rayon::prelude::*;
+use rten_simd::{Isa, SimdOp};
 
 use super::cpu::{Cpu, is_f32, values};
 
@@ -65,7 +66,14 @@ impl FusedAdam {
             .zip(second.par_chunks_mut(PIECE))
             .zip(weights.par_chunks(PIECE))
             .for_each(|(((gradient, first), second), weights)| {
-                pulp::Arch::new().dispatch(|| step.apply(gradient, first, second, weights));
+                let part = Part {
+                    step,
+                    gradient,
+                    first,
+                    second,
+                    weights,
+                };
+                part.dispatch();
             });
     }
 }
@@ -82,16 +90,29 @@ struct Step {
     rate: f32,
 }
 
-impl Step {
+/// Some of the weights, their moments, and their gradient, in whose place the new weights are written.
+struct Part<'a> {
+    step: Step,
+    gradient: &'a mut [f32],
+    first: &'a mut [f32],
+    second: &'a mut [f32],
+    weights: &'a [f32],
+}
+
+impl SimdOp for Part<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn apply(self, gradient: &mut [f32], first: &mut [f32], second: &mut [f32], weights: &[f32]) {
-        let moments = first.iter_mut().zip(second);
-        for ((found, (first, second)), weight) in gradient.iter_mut().zip(moments).zip(weights) {
+    fn eval<I: Isa>(self, _: I) {
+        let step = self.step;
+        let moments = self.first.iter_mut().zip(self.second);
+        let weights = self.gradient.iter_mut().zip(moments).zip(self.weights);
+        for ((found, (first, second)), weight) in weights {
             let gradient = *found;
-            *first = *first * self.beta_1 + gradient * self.rest_1;
-            *second = *second * self.beta_2 + gradient * gradient * self.rest_2;
-            let direction = *first * self.combined / (second.sqrt() + self.epsilon);
-            *found = weight - direction * self.rate;
+            *first = *first * step.beta_1 + gradient * step.rest_1;
+            *second = *second * step.beta_2 + gradient * gradient * step.rest_2;
+            let direction = *first * step.combined / (second.sqrt() + step.epsilon);
+            *found = weight - direction * step.rate;
         }
     }
 }

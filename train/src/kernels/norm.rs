@@ -8,6 +8,7 @@ use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::tensor::Tensor;
 use rayon::prelude::*;
+use rten_simd::{Isa, SimdOp};
 
 use super::activation::LEAK;
 use super::cpu::{
@@ -60,38 +61,57 @@ fn forward(
         .zip(values(input).par_chunks(plane.max(1)))
         .enumerate()
         .map(|(number, (output, input))| {
-            let mask = mask.map(|mask| &mask[number * plane..(number + 1) * plane]);
-            let affine = [scale[number % channels], shift[number % channels]];
-            pulp::Arch::new().dispatch(|| forward_plane(input, output, affine, mask, epsilon))
+            let plane = Forward {
+                input,
+                output,
+                affine: [scale[number % channels], shift[number % channels]],
+                mask: mask.map(|mask| &mask[number * plane..(number + 1) * plane]),
+                epsilon,
+            };
+            plane.dispatch()
         })
         .collect();
     (cpu_tensor(output, &dims(input)), moments)
 }
 
-#[inline(always)]
-fn forward_plane(
-    input: &[f32],
-    output: &mut [f32],
-    [scale, shift]: [f32; 2],
-    mask: Option<&[f32]>,
+/// The forward pass of a plane; its moments.
+struct Forward<'a> {
+    input: &'a [f32],
+    output: &'a mut [f32],
+    affine: [f32; 2],
+    mask: Option<&'a [f32]>,
     epsilon: f32,
-) -> Moments {
-    let count = input.len() as f32;
-    let mean = sum([input], |[x]| x) / count;
-    let variance = sum([input], |[x]| (x - mean) * (x - mean)) / count;
-    let reciprocal = 1.0 / (variance + epsilon).sqrt();
-    let gain = reciprocal * scale;
-    for (output, x) in output.iter_mut().zip(input) {
-        let normal = (x - mean) * gain + shift;
-        *output = if normal < 0.0 { LEAK * normal } else { normal };
+}
+
+impl SimdOp for Forward<'_> {
+    type Output = Moments;
+
+    #[inline(always)]
+    fn eval<I: Isa>(self, _: I) -> Moments {
+        let Self {
+            input,
+            output,
+            affine: [scale, shift],
+            mask,
+            epsilon,
+        } = self;
+        let count = input.len() as f32;
+        let mean = sum([input], |[x]| x) / count;
+        let variance = sum([input], |[x]| (x - mean) * (x - mean)) / count;
+        let reciprocal = 1.0 / (variance + epsilon).sqrt();
+        let gain = reciprocal * scale;
+        for (output, x) in output.iter_mut().zip(input) {
+            let normal = (x - mean) * gain + shift;
+            *output = if normal < 0.0 { LEAK * normal } else { normal };
+        }
+        if let Some(mask) = mask {
+            output
+                .iter_mut()
+                .zip(mask)
+                .for_each(|(output, mask)| *output *= mask);
+        }
+        [mean, reciprocal]
     }
-    if let Some(mask) = mask {
-        output
-            .iter_mut()
-            .zip(mask)
-            .for_each(|(output, mask)| *output *= mask);
-    }
-    [mean, reciprocal]
 }
 
 /// What the gradients need.
@@ -166,10 +186,14 @@ impl Backward<Flex, 3> for NormaliseGradient {
             .zip(&state.moments)
             .enumerate()
             .map(|(number, ((gradient, input), &moments))| {
-                let mask = mask.map(|mask| &mask[number * plane..(number + 1) * plane]);
-                let affine = [scale[number % channels], shift[number % channels]];
-                pulp::Arch::new()
-                    .dispatch(|| backward_plane(input, gradient, affine, mask, moments))
+                let plane = Reverse {
+                    input,
+                    gradient,
+                    affine: [scale[number % channels], shift[number % channels]],
+                    mask: mask.map(|mask| &mask[number * plane..(number + 1) * plane]),
+                    moments,
+                };
+                plane.dispatch()
             })
             .collect();
         for (place, node) in [scale_node, shift_node].into_iter().enumerate() {
@@ -191,39 +215,52 @@ impl Backward<Flex, 3> for NormaliseGradient {
 ///
 /// With z = (x - mean) / deviation and d the gradient before the leaky ReLU, the gradient of x is
 /// scale / deviation * (d - mean of d - z * mean of d z).
-#[inline(always)]
-fn backward_plane(
-    input: &[f32],
-    gradient: &mut [f32],
-    [scale, shift]: [f32; 2],
-    mask: Option<&[f32]>,
-    [mean, reciprocal]: Moments,
-) -> [f32; 2] {
-    if let Some(mask) = mask {
-        gradient
-            .iter_mut()
-            .zip(mask)
-            .for_each(|(gradient, mask)| *gradient *= mask);
+struct Reverse<'a> {
+    input: &'a [f32],
+    gradient: &'a mut [f32],
+    affine: [f32; 2],
+    mask: Option<&'a [f32]>,
+    moments: Moments,
+}
+
+impl SimdOp for Reverse<'_> {
+    type Output = [f32; 2];
+
+    #[inline(always)]
+    fn eval<I: Isa>(self, _: I) -> [f32; 2] {
+        let Self {
+            input,
+            gradient,
+            affine: [scale, shift],
+            mask,
+            moments: [mean, reciprocal],
+        } = self;
+        if let Some(mask) = mask {
+            gradient
+                .iter_mut()
+                .zip(mask)
+                .for_each(|(gradient, mask)| *gradient *= mask);
+        }
+        // The same number as in the forward pass, whose sign decides.
+        let gain = reciprocal * scale;
+        for (gradient, x) in gradient.iter_mut().zip(input) {
+            let negative = (x - mean) * gain + shift < 0.0;
+            *gradient = if negative {
+                LEAK * *gradient
+            } else {
+                *gradient
+            };
+        }
+        let count = input.len() as f32;
+        let total = sum([&*gradient], |[gradient]| gradient);
+        let along = sum([&*gradient, input], |[gradient, x]| {
+            gradient * ((x - mean) * reciprocal)
+        });
+        let (mean_total, mean_along) = (total / count, along / count);
+        for (gradient, x) in gradient.iter_mut().zip(input) {
+            let z = (x - mean) * reciprocal;
+            *gradient = gain * (*gradient - mean_total - z * mean_along);
+        }
+        [along, total]
     }
-    // The same number as in the forward pass, whose sign decides.
-    let gain = reciprocal * scale;
-    for (gradient, x) in gradient.iter_mut().zip(input) {
-        let negative = (x - mean) * gain + shift < 0.0;
-        *gradient = if negative {
-            LEAK * *gradient
-        } else {
-            *gradient
-        };
-    }
-    let count = input.len() as f32;
-    let total = sum([&*gradient], |[gradient]| gradient);
-    let along = sum([&*gradient, input], |[gradient, x]| {
-        gradient * ((x - mean) * reciprocal)
-    });
-    let (mean_total, mean_along) = (total / count, along / count);
-    for (gradient, x) in gradient.iter_mut().zip(input) {
-        let z = (x - mean) * reciprocal;
-        *gradient = gain * (*gradient - mean_total - z * mean_along);
-    }
-    [along, total]
 }

@@ -14,18 +14,19 @@
 use std::cell::RefCell;
 use std::ops::Range;
 
-use pulp::{Simd, WithSimd};
+use rten_simd::ops::{BitOps, NumOps};
+use rten_simd::{Isa, SimdOp};
 
-/// Most rows of `C` that are worked on together.
+/// Rows of `C` that are worked on together.
 const ROWS: usize = 8;
+/// The same where registers are few.
+const FEWER_ROWS: usize = 6;
 /// Rows and columns of a block of the depth: panels of it stay in the first-level cache.
 const DEPTH: usize = 256;
+/// Tiles one below the other that meet a panel of the right side while it lies in the first-level cache.
+const TOGETHER: usize = 8;
 /// Elements of the right side that are kept packed.
 const KEPT: usize = 1 << 17;
-/// Registers from which on a tile of two vectors may have all [`ROWS`], and its rows where there are fewer.
-const MANY_REGISTERS: usize = 32;
-const FEWER_ROWS: usize = 6;
-
 /// The left side of a product.
 pub(super) trait Left {
     /// Writes the elements `columns` of the row `row`.
@@ -37,6 +38,20 @@ pub(super) trait Right {
     /// Writes the elements `columns` of several rows, one row after the other, `width` elements each;
     /// what is left of `width` is zero.
     fn read_panel(&self, rows: Range<usize>, columns: Range<usize>, width: usize, out: &mut [f32]);
+
+    /// The elements `columns` where they lie, if they are neighbours in every row and can be read from
+    /// there as fast as from a panel.
+    #[inline(always)]
+    fn in_place(&self, _columns: Range<usize>) -> Option<InPlace<'_>> {
+        None
+    }
+}
+
+/// Columns of a right side where they lie: those of row `r` begin at `values[starts[r] + offset]`.
+pub(super) struct InPlace<'a> {
+    pub values: &'a [f32],
+    pub starts: &'a [usize],
+    pub offset: usize,
 }
 
 /// A matrix in memory, row after row.
@@ -84,7 +99,7 @@ pub(super) fn multiply(
     finish: impl FnMut(usize, &mut [f32]),
 ) {
     SCRATCH.with_borrow_mut(|scratch| {
-        pulp::Arch::new().dispatch(Product {
+        let product = Product {
             left,
             right,
             rows,
@@ -92,7 +107,8 @@ pub(super) fn multiply(
             depth,
             finish,
             scratch,
-        });
+        };
+        product.dispatch();
     });
 }
 
@@ -106,80 +122,104 @@ struct Product<'a, L, R, F> {
     scratch: &'a mut Scratch,
 }
 
-impl<L: Left, R: Right, F: FnMut(usize, &mut [f32])> WithSimd for Product<'_, L, R, F> {
+impl<L: Left, R: Right, F: FnMut(usize, &mut [f32])> SimdOp for Product<'_, L, R, F> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let narrow = self.columns.len() <= lanes::<S>();
-        match (S::REGISTER_COUNT >= MANY_REGISTERS, narrow) {
-            (true, true) => self.run::<S, ROWS, 1>(simd),
-            (true, false) => self.run::<S, ROWS, 2>(simd),
-            (false, true) => self.run::<S, ROWS, 1>(simd),
-            (false, false) => self.run::<S, FEWER_ROWS, 2>(simd),
+    fn eval<I: Isa>(self, isa: I) {
+        let lanes = isa.f32().len();
+        // With vectors of 16 there are 32 registers, as on Arm; with those of 8 there are 16.
+        let few_registers = lanes == 8;
+        match (self.rows.len(), few_registers) {
+            _ if self.columns.len() <= lanes => self.run::<I, ROWS, 1>(isa),
+            (..=2, _) => self.run::<I, 2, 4>(isa),
+            (..=4, _) => self.run::<I, 4, 3>(isa),
+            (_, false) => self.run::<I, ROWS, 2>(isa),
+            (_, true) => self.run::<I, FEWER_ROWS, 2>(isa),
         }
     }
-}
-
-#[inline(always)]
-fn lanes<S: Simd>() -> usize {
-    size_of::<S::f32s>() / size_of::<f32>()
 }
 
 impl<L: Left, R: Right, F: FnMut(usize, &mut [f32])> Product<'_, L, R, F> {
     /// With tiles of `HEIGHT` rows and `VECTORS` vectors.
     #[inline(always)]
-    fn run<S: Simd, const HEIGHT: usize, const VECTORS: usize>(mut self, simd: S) {
-        let (rows, columns) = (self.rows.len(), self.columns.len());
-        let width = VECTORS * lanes::<S>();
+    fn run<I: Isa, const HEIGHT: usize, const VECTORS: usize>(self, isa: I) {
+        let Self {
+            left: left_side,
+            right: right_side,
+            rows: all_rows,
+            columns: all_columns,
+            depth: whole_depth,
+            mut finish,
+            scratch,
+        } = self;
+        let (rows, columns) = (all_rows.len(), all_columns.len());
+        let width = VECTORS * isa.f32().len();
         let stride = columns.next_multiple_of(width);
-        let product = grown(
-            &mut self.scratch.product,
-            rows.next_multiple_of(HEIGHT) * stride,
-        );
-        let left = grown(&mut self.scratch.left, HEIGHT * DEPTH);
+        let of_panel = |number: usize| {
+            let begin = all_columns.start + number * width;
+            begin..(begin + width).min(all_columns.end)
+        };
+        let in_place = |number: usize| {
+            let columns = of_panel(number);
+            let whole = columns.len() == width;
+            whole.then(|| right_side.in_place(columns)).flatten()
+        };
+        let padded = rows.next_multiple_of(HEIGHT);
+        let product = grown(&mut scratch.product, padded * stride);
+        let left = grown(&mut scratch.left, padded.min(TOGETHER * HEIGHT) * DEPTH);
         // As much of the right side as stays in the second-level cache.
         let kept = (KEPT / stride / DEPTH).max(1) * DEPTH;
-        let right = grown(&mut self.scratch.right, self.depth.min(kept) * stride);
-        if self.depth == 0 {
+        let right = grown(&mut scratch.right, whole_depth.min(kept) * stride);
+        if whole_depth == 0 {
             product.fill(0.0);
         }
-        for first in (0..self.depth).step_by(kept) {
+        for first in (0..whole_depth).step_by(kept) {
             let blocks = || {
-                let end = (first + kept).min(self.depth);
+                let end = (first + kept).min(whole_depth);
                 let block = move |first: usize| first..(first + DEPTH).min(end);
                 (first..end).step_by(DEPTH).map(block)
             };
             for (depth, right) in blocks().zip(right.chunks_mut(DEPTH * stride)) {
                 let panels = right.chunks_exact_mut(depth.len() * width);
                 for (number, out) in panels.take(stride / width).enumerate() {
-                    let begin = self.columns.start + number * width;
-                    let end = (begin + width).min(self.columns.end);
-                    self.right.read_panel(depth.clone(), begin..end, width, out);
+                    if in_place(number).is_none() {
+                        right_side.read_panel(depth.clone(), of_panel(number), width, out);
+                    }
                 }
             }
-            for (block, product) in product.chunks_exact_mut(HEIGHT * stride).enumerate() {
+            let groups = product.chunks_mut(TOGETHER * HEIGHT * stride);
+            for (group, product) in groups.enumerate() {
+                let first_row = group * TOGETHER * HEIGHT;
+                let left = &mut left[..product.len() / stride * DEPTH];
                 for (depth, right) in blocks().zip(right.chunks(DEPTH * stride)) {
                     for (row, out) in left.chunks_exact_mut(DEPTH).enumerate() {
-                        let row = block * HEIGHT + row;
+                        let row = first_row + row;
                         if row < rows {
-                            let row = self.rows.start + row;
-                            self.left.read(row, depth.clone(), &mut out[..depth.len()]);
+                            let row = all_rows.start + row;
+                            left_side.read(row, depth.clone(), &mut out[..depth.len()]);
                         } else {
                             out.fill(0.0);
                         }
                     }
                     let panels = right.chunks_exact(depth.len() * width).take(stride / width);
                     for (number, right) in panels.enumerate() {
-                        let product = &mut product[number * width..];
-                        let sums = tile::<S, HEIGHT, VECTORS>(simd, left, right, depth.len());
-                        put(simd, sums, product, stride, depth.start == 0);
+                        let in_place = in_place(number);
+                        let left = left.chunks_exact(HEIGHT * DEPTH);
+                        for (left, product) in left.zip(product.chunks_exact_mut(HEIGHT * stride)) {
+                            let sums: [[I::F32; VECTORS]; HEIGHT] = match &in_place {
+                                None => tile(isa, left, right, depth.len()),
+                                Some(right) => tile_in_place(isa, left, right, depth.clone()),
+                            };
+                            let product = &mut product[number * width..];
+                            put(isa, sums, product, stride, depth.start == 0);
+                        }
                     }
                 }
             }
         }
         for (row, product) in product.chunks_exact_mut(stride).take(rows).enumerate() {
-            (self.finish)(row, &mut product[..columns]);
+            finish(row, &mut product[..columns]);
         }
     }
 }
@@ -191,25 +231,65 @@ impl<L: Left, R: Right, F: FnMut(usize, &mut [f32])> Product<'_, L, R, F> {
     clippy::needless_range_loop,
     reason = "with iterators the sums leave the registers"
 )]
-fn tile<S: Simd, const HEIGHT: usize, const VECTORS: usize>(
-    simd: S,
+fn tile<I: Isa, const HEIGHT: usize, const VECTORS: usize>(
+    isa: I,
     left: &[f32],
     right: &[f32],
     depth: usize,
-) -> [[S::f32s; VECTORS]; HEIGHT] {
+) -> [[I::F32; VECTORS]; HEIGHT] {
+    let ops = isa.f32();
+    let lanes = ops.len();
     let (left, _) = left.as_chunks::<DEPTH>();
     let left: &[[f32; DEPTH]; HEIGHT] = left.try_into().expect("a block has the rows of a tile");
-    let (right, _) = S::as_simd_f32s(right);
-    let (right, _) = right.as_chunks::<VECTORS>();
-    // Known bounds: the loop checks none. Written with indices, so that the sums stay in registers.
-    let depth = depth.min(DEPTH).min(right.len());
-    let mut sums = [[simd.splat_f32s(0.0); VECTORS]; HEIGHT];
-    for k in 0..depth {
-        let right = right[k];
+    // Of a known number: the loop checks no bounds.
+    let depth = depth.min(DEPTH);
+    let mut sums = [[ops.zero(); VECTORS]; HEIGHT];
+    let panel = right.chunks_exact(VECTORS * lanes).take(depth);
+    for (k, right) in panel.enumerate() {
+        let mut vectors = [ops.zero(); VECTORS];
+        for vector in 0..VECTORS {
+            // Of as many elements as a vector has. A plain load would check its pointer in builds with
+            // debug assertions, which takes longer than the products.
+            (vectors[vector], _) = ops.load_pad(&right[vector * lanes..(vector + 1) * lanes]);
+        }
         for row in 0..HEIGHT {
-            let value = simd.splat_f32s(left[row][k]);
+            let value = ops.splat(left[row][k]);
             for vector in 0..VECTORS {
-                sums[row][vector] = simd.mul_add_e_f32s(value, right[vector], sums[row][vector]);
+                sums[row][vector] = ops.mul_add(value, vectors[vector], sums[row][vector]);
+            }
+        }
+    }
+    sums
+}
+
+/// The same with a right side that lies elsewhere.
+#[inline(always)]
+#[allow(
+    clippy::needless_range_loop,
+    reason = "with iterators the sums leave the registers"
+)]
+fn tile_in_place<I: Isa, const HEIGHT: usize, const VECTORS: usize>(
+    isa: I,
+    left: &[f32],
+    right: &InPlace,
+    depth: Range<usize>,
+) -> [[I::F32; VECTORS]; HEIGHT] {
+    let ops = isa.f32();
+    let lanes = ops.len();
+    let (left, _) = left.as_chunks::<DEPTH>();
+    let left: &[[f32; DEPTH]; HEIGHT] = left.try_into().expect("a block has the rows of a tile");
+    let mut sums = [[ops.zero(); VECTORS]; HEIGHT];
+    let starts = &right.starts[depth];
+    for (k, start) in starts.iter().take(DEPTH).enumerate() {
+        let line = &right.values[start + right.offset..][..VECTORS * lanes];
+        let mut vectors = [ops.zero(); VECTORS];
+        for vector in 0..VECTORS {
+            (vectors[vector], _) = ops.load_pad(&line[vector * lanes..(vector + 1) * lanes]);
+        }
+        for row in 0..HEIGHT {
+            let value = ops.splat(left[row][k]);
+            for vector in 0..VECTORS {
+                sums[row][vector] = ops.mul_add(value, vectors[vector], sums[row][vector]);
             }
         }
     }
@@ -222,20 +302,24 @@ fn tile<S: Simd, const HEIGHT: usize, const VECTORS: usize>(
     clippy::needless_range_loop,
     reason = "with iterators the sums leave the registers"
 )]
-fn put<S: Simd, const HEIGHT: usize, const VECTORS: usize>(
-    simd: S,
-    sums: [[S::f32s; VECTORS]; HEIGHT],
+fn put<I: Isa, const HEIGHT: usize, const VECTORS: usize>(
+    isa: I,
+    sums: [[I::F32; VECTORS]; HEIGHT],
     product: &mut [f32],
     stride: usize,
     over: bool,
 ) {
+    let ops = isa.f32();
+    let lanes = ops.len();
     for row in 0..HEIGHT {
-        let (line, _) = S::as_mut_simd_f32s(&mut product[row * stride..]);
+        let line = &mut product[row * stride..row * stride + VECTORS * lanes];
         for vector in 0..VECTORS {
-            line[vector] = match over {
+            let part = &mut line[vector * lanes..(vector + 1) * lanes];
+            let sum = match over {
                 true => sums[row][vector],
-                false => simd.add_f32s(line[vector], sums[row][vector]),
+                false => ops.add(ops.load_pad(part).0, sums[row][vector]),
             };
+            ops.store(sum, part);
         }
     }
 }

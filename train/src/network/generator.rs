@@ -336,13 +336,12 @@ impl DecoderStage {
         if let Some(disparity) = coarser {
             parts.push(ops.upsample(disparity));
         }
-        let merged = if parts.len() == 1 {
-            parts.remove(0)
-        } else {
-            ops.concat(parts)
-        };
         let merge_name = format!("decoder.iconv{number}");
-        let features = ops.conv_elu(&merge_name, &self.merge, merged);
+        let features = if parts.len() == 1 {
+            ops.conv_elu(&merge_name, &self.merge, parts.remove(0))
+        } else {
+            ops.merge_elu(&merge_name, &self.merge, parts)
+        };
         let disparity = self.head.as_ref().map(|layer| {
             let raw = ops.conv(&format!("decoder.disp{number}"), layer, features.clone());
             match non_linearity {

@@ -344,13 +344,17 @@ impl Convolution {
         added: Option<Tensor<4>>,
         activation: Option<Activation>,
     ) -> Tensor<4> {
-        let convolving = Convolving {
+        let convolving = self.convolving(activation);
+        convolving.apply(input, self.weight.val(), self.bias.val(), added)
+    }
+
+    fn convolving(&self, activation: Option<Activation>) -> Convolving {
+        Convolving {
             stride: self.stride,
             padding: self.padding,
             transposed: false,
             activation,
-        };
-        convolving.apply(input, self.weight.val(), self.bias.val(), added)
+        }
     }
 
     /// The weights as plain numbers, OIHW.
@@ -524,6 +528,16 @@ pub trait Ops {
         let result = self.conv(name, layer, input);
         self.elu(result)
     }
+    /// Convolution with bias of several maps whose channels follow each other, then ELU.
+    fn merge_elu(
+        &mut self,
+        name: &str,
+        layer: &Convolution,
+        inputs: Vec<Self::Value>,
+    ) -> Self::Value {
+        let merged = self.concat(inputs);
+        self.conv_elu(name, layer, merged)
+    }
     /// ELU of the sum of two branches: a convolution, and one that may be a convolution.
     fn join_elu(
         &mut self,
@@ -588,6 +602,11 @@ impl Ops for TensorOps {
 
     fn conv_elu(&mut self, _name: &str, layer: &Convolution, input: Tensor<4>) -> Tensor<4> {
         layer.apply(input, None, Some(Activation::Elu))
+    }
+
+    fn merge_elu(&mut self, _name: &str, layer: &Convolution, inputs: Vec<Tensor<4>>) -> Tensor<4> {
+        let convolving = layer.convolving(Some(Activation::Elu));
+        convolving.apply_to(inputs, layer.weight.val(), layer.bias.val(), None)
     }
 
     fn join_elu(

@@ -1,6 +1,6 @@
 //! The sizes of a convolution.
 
-use super::pieces::Source;
+use super::pieces::{Images, Source};
 use super::windows::Layout;
 
 /// A convolution of a batch. Images are channels, height and width.
@@ -16,7 +16,7 @@ pub(super) struct Geometry {
 
 impl Geometry {
     /// The windows of the convolution, on the large image.
-    pub fn source<'a>(&self, large: &'a [f32]) -> Source<'a> {
+    pub fn source<'a>(&self, large: Images<'a>) -> Source<'a> {
         let Self {
             kernel,
             stride,
@@ -24,7 +24,7 @@ impl Geometry {
             ..
         } = *self;
         Source {
-            values: large,
+            images: large,
             size: self.large,
             layout: (!self.is_pointwise()).then_some(Layout {
                 size: kernel,

@@ -27,6 +27,7 @@ use super::cpu::{
 };
 use geometry::Geometry;
 use passes::Finish;
+use pieces::Images;
 
 /// Which convolution, and what follows it.
 #[derive(Clone, Copy, Debug)]
@@ -49,18 +50,39 @@ impl Convolving {
         bias: Tensor<1>,
         added: Option<Tensor<4>>,
     ) -> Tensor<4> {
+        self.apply_to(vec![input], weight, bias, added)
+    }
+
+    /// The same of several inputs whose channels follow each other.
+    pub fn apply_to(
+        self,
+        mut inputs: Vec<Tensor<4>>,
+        weight: Tensor<4>,
+        bias: Tensor<1>,
+        added: Option<Tensor<4>>,
+    ) -> Tensor<4> {
         assert!(
             !(self.transposed && added.is_some()),
             "nothing can be added"
         );
-        let on_cpu = match [&input, &weight].iter().any(|tensor| tensor.is_autodiff())
+        let [.., kernel] = weight.dims();
+        let apart = !self.transposed && kernel > 1 && inputs.len() + added.iter().len() <= MOST;
+        if inputs.len() > 1 && !apart {
+            inputs = vec![Tensor::cat(inputs, 1)];
+        }
+        let in_graph = inputs.iter().chain([&weight]).any(Tensor::is_autodiff)
             || bias.is_autodiff()
-            || added.as_ref().is_some_and(Tensor::is_autodiff)
-        {
-            true => self.on_cpu_tracked(&input, &weight, &bias, added.as_ref()),
-            false => self.on_cpu(&input, &weight, &bias, added.as_ref()),
+            || added.as_ref().is_some_and(Tensor::is_autodiff);
+        let tensors = (&inputs[..], &weight, &bias, added.as_ref());
+        let on_cpu = if in_graph {
+            let operands = Operands::of(tensors, tracked, tracked);
+            let operands = operands.filter(|operands| operands.all(|t| is_f32(t.primitive())));
+            operands.map(|operands| from_tracked(self.forward_tracked(operands)))
+        } else {
+            let operands = Operands::of(tensors, plain, plain);
+            operands.map(|operands| from_plain(self.forward(&operands)))
         };
-        on_cpu.unwrap_or_else(|| self.by_parts(input, weight, bias, added))
+        on_cpu.unwrap_or_else(|| self.by_parts(Tensor::cat(inputs, 1), weight, bias, added))
     }
 
     /// The same in burn's own operations, for every backend.
@@ -88,45 +110,6 @@ impl Convolving {
         }
     }
 
-    fn on_cpu(
-        self,
-        input: &Tensor<4>,
-        weight: &Tensor<4>,
-        bias: &Tensor<1>,
-        added: Option<&Tensor<4>>,
-    ) -> Option<Tensor<4>> {
-        let added = match added {
-            Some(added) => Some(plain(added)?),
-            None => None,
-        };
-        let (input, weight, bias) = (plain(input)?, plain(weight)?, plain(bias)?);
-        Some(from_plain(self.forward(
-            &input,
-            &weight,
-            &bias,
-            added.as_ref(),
-        )))
-    }
-
-    fn on_cpu_tracked(
-        self,
-        input: &Tensor<4>,
-        weight: &Tensor<4>,
-        bias: &Tensor<1>,
-        added: Option<&Tensor<4>>,
-    ) -> Option<Tensor<4>> {
-        let added = match added {
-            Some(added) => Some(tracked(added)?),
-            None => None,
-        };
-        let (input, weight, bias) = (tracked(input)?, tracked(weight)?, tracked(bias)?);
-        let suits = [Some(&input), Some(&weight), Some(&bias), added.as_ref()]
-            .iter()
-            .flatten()
-            .all(|tensor| is_f32(tensor.primitive()));
-        suits.then(|| from_tracked(self.forward_tracked(input, weight, bias, added)))
-    }
-
     fn geometry(self, input: [usize; 4], weight: [usize; 4]) -> Geometry {
         let [batch, input @ ..] = input;
         let [first, second, kernel, _] = weight;
@@ -151,157 +134,188 @@ impl Convolving {
         }
     }
 
-    /// All tensors contiguous.
-    fn forward(self, input: &Cpu, weight: &Cpu, bias: &Cpu, added: Option<&Cpu>) -> Cpu {
-        let geometry = self.geometry(dims(input), dims(weight));
+    /// All operands contiguous.
+    fn forward(self, operands: &Operands<Cpu>) -> Cpu {
+        let Operands {
+            inputs,
+            weight,
+            bias,
+            added,
+        } = operands;
+        let geometry = self.geometry(together(inputs), dims(weight));
         let finish = Finish {
             bias: Some(values(bias)),
-            added: added.map(values),
+            added: added.as_ref().map(values),
             activation: self.activation,
         };
+        let weight = values(weight);
         let (output, [channels, height, width]) = if self.transposed {
-            let output = geometry.scatter(values(input), values(weight), finish);
-            (output, geometry.large)
+            let channels = [geometry.large[0]];
+            let mut output = geometry.scatter(values(&inputs[0]), weight, finish, &channels);
+            (output.swap_remove(0), geometry.large)
         } else {
-            let output = geometry.gather(values(input), values(weight), finish);
+            let output = geometry.gather(Images(&images(inputs)), weight, finish);
             (output, geometry.small)
         };
         cpu_tensor(output, &[geometry.batch, channels, height, width])
     }
 
-    fn forward_tracked(
-        self,
-        input: Tracked,
-        weight: Tracked,
-        bias: Tracked,
-        added: Option<Tracked>,
-    ) -> Tracked {
-        let (input, input_node) = input.into_parts();
-        let (weight, weight_node) = weight.into_parts();
-        let (bias, bias_node) = bias.into_parts();
-        let (input, weight) = (input.to_contiguous(), weight.to_contiguous());
-        let bias = bias.to_contiguous();
-        match added {
-            None => {
-                let output = self.forward(&input, &weight, &bias, None);
-                let state = self.state(input, weight, &output);
-                match ConvGradient(self)
-                    .prepare::<NoCheckpointing>([input_node, weight_node, bias_node])
-                    .compute_bound()
-                    .stateful()
-                {
-                    OpsKind::Tracked(prepared) => prepared.finish(state, output),
-                    OpsKind::UnTracked(prepared) => prepared.finish(output),
+    fn forward_tracked(self, operands: Operands<Tracked>) -> Tracked {
+        let mut nodes = Vec::new();
+        let operands = operands.map(|tensor| {
+            let (tensor, node) = tensor.into_parts();
+            nodes.push(node);
+            tensor.to_contiguous()
+        });
+        let output = self.forward(&operands);
+        let state = State {
+            inputs: operands.inputs,
+            weight: operands.weight,
+            output: self.activation.map(|_| output.clone()),
+        };
+        // What a node is has no name outside burn, so that no function can take an array of them.
+        macro_rules! with_parents {
+            ($count:literal, $nodes:expr) => {
+                match <[_; $count]>::try_from($nodes) {
+                    Ok(parents) => {
+                        let node = ConvGradient(self).prepare::<NoCheckpointing>(parents);
+                        return match node.compute_bound().stateful() {
+                            OpsKind::Tracked(prepared) => prepared.finish(state, output),
+                            OpsKind::UnTracked(prepared) => prepared.finish(output),
+                        };
+                    }
+                    Err(nodes) => nodes,
                 }
-            }
-            Some(added) => {
-                let (added, added_node) = added.into_parts();
-                let output = self.forward(&input, &weight, &bias, Some(&added.to_contiguous()));
-                let state = self.state(input, weight, &output);
-                match AddedConvGradient(self)
-                    .prepare::<NoCheckpointing>([input_node, weight_node, bias_node, added_node])
-                    .compute_bound()
-                    .stateful()
-                {
-                    OpsKind::Tracked(prepared) => prepared.finish(state, output),
-                    OpsKind::UnTracked(prepared) => prepared.finish(output),
-                }
-            }
+            };
         }
+        let nodes = with_parents!(3, nodes);
+        let nodes = with_parents!(4, nodes);
+        with_parents!(5, nodes);
+        unreachable!("a convolution has one to {MOST} inputs, with what is added")
+    }
+}
+
+/// Most inputs of a convolution, with what is added.
+const MOST: usize = 3;
+
+/// The tensors of a convolution, as they are computed with.
+struct Operands<T> {
+    inputs: Vec<T>,
+    weight: T,
+    bias: T,
+    added: Option<T>,
+}
+
+impl<T> Operands<T> {
+    /// `None` where one of the tensors cannot be had in this form.
+    fn of(
+        (inputs, weight, bias, added): (&[Tensor<4>], &Tensor<4>, &Tensor<1>, Option<&Tensor<4>>),
+        large: fn(&Tensor<4>) -> Option<T>,
+        small: fn(&Tensor<1>) -> Option<T>,
+    ) -> Option<Self> {
+        Some(Self {
+            inputs: inputs.iter().map(large).collect::<Option<_>>()?,
+            weight: large(weight)?,
+            bias: small(bias)?,
+            added: added.map_or(Some(None), |added| large(added).map(Some))?,
+        })
     }
 
-    fn state(self, input: Cpu, weight: Cpu, output: &Cpu) -> State {
-        State {
-            input,
-            weight,
-            output: self.activation.map(|_| output.clone()),
+    fn all(&self, suits: impl Fn(&T) -> bool) -> bool {
+        let others = [&self.weight, &self.bias];
+        let all = self.inputs.iter().chain(others).chain(&self.added);
+        all.into_iter().all(suits)
+    }
+
+    /// In the order of a node's parents.
+    fn map<U>(self, mut to: impl FnMut(T) -> U) -> Operands<U> {
+        Operands {
+            inputs: self.inputs.into_iter().map(&mut to).collect(),
+            weight: to(self.weight),
+            bias: to(self.bias),
+            added: self.added.map(to),
         }
     }
+}
+
+/// Shape of images whose channels follow each other.
+fn together(images: &[Cpu]) -> [usize; 4] {
+    let [batch, _, height, width] = dims(&images[0]);
+    let channels = images.iter().map(|image| dims(image)[1]).sum();
+    [batch, channels, height, width]
+}
+
+fn images(images: &[Cpu]) -> Vec<(&[f32], usize)> {
+    let images = images.iter();
+    images
+        .map(|image| (values(image), dims(image)[1]))
+        .collect()
 }
 
 /// What the gradients need.
 #[derive(Clone, Debug)]
 struct State {
-    input: Cpu,
+    inputs: Vec<Cpu>,
     weight: Cpu,
     /// Where an activation follows: its slope is known from its output.
     output: Option<Cpu>,
 }
 
-/// Gradients with respect to input, weight and bias as far as they are wanted, and before the activation.
-fn backward(
-    convolving: Convolving,
-    state: State,
-    gradient: Cpu,
-    wanted: [bool; 3],
-) -> ([Option<Cpu>; 3], Cpu) {
-    let State {
-        input,
-        weight,
-        output,
-    } = state;
-    let gradient = match (convolving.activation, output) {
-        (Some(activation), Some(output)) => activation_gradient(activation, gradient, &output),
-        _ => gradient.to_contiguous(),
-    };
-    let geometry = convolving.geometry(dims(&input), dims(&weight));
-    let [of_input, of_weight, of_bias] = wanted;
-    let of_bias = of_bias.then(|| bias_gradient(&gradient));
-    let of_weight = of_weight.then(|| {
-        let found = if convolving.transposed {
-            geometry.weight_gradient(values(&gradient), values(&input))
-        } else {
-            geometry.weight_gradient(values(&input), values(&gradient))
-        };
-        cpu_tensor(found, &dims(&weight))
-    });
-    let of_input = of_input.then(|| {
-        let (gradient, weight) = (values(&gradient), values(&weight));
-        let found = if convolving.transposed {
-            geometry.gather(gradient, weight, Finish::NOTHING)
-        } else {
-            geometry.scatter(gradient, weight, Finish::NOTHING)
-        };
-        cpu_tensor(found, &dims(&input))
-    });
-    ([of_input, of_weight, of_bias], gradient)
-}
-
-/// Hands the parents of a node their gradients: input, weight, bias, and where there is a fourth, what
-/// was added.
-fn register<const N: usize>(convolving: Convolving, ops: Ops<State, N>, gradients: &mut Gradients) {
-    let gradient = gradients.consume::<Flex>(&ops.node);
-    let wanted = [0, 1, 2].map(|parent: usize| ops.parents[parent].is_some());
-    let (found, before) = backward(convolving, ops.state, gradient, wanted);
-    let found = found.into_iter().chain([Some(before)]);
-    for (node, found) in ops.parents.into_iter().zip(found) {
-        if let (Some(node), Some(found)) = (node, found) {
-            gradients.register::<Flex>(node.id, found);
-        }
-    }
-}
-
-/// Backward step of a convolution.
+/// Backward step of a convolution, whose parents are its inputs, weight, bias, and what is added.
 #[derive(Clone, Copy, Debug)]
 struct ConvGradient(Convolving);
 
-impl Backward<Flex, 3> for ConvGradient {
+impl<const N: usize> Backward<Flex, N> for ConvGradient {
     type State = State;
 
-    fn backward(self, ops: Ops<State, 3>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        register(self.0, ops, gradients);
-    }
-}
-
-/// Backward step of a convolution to which something is added.
-#[derive(Clone, Copy, Debug)]
-struct AddedConvGradient(Convolving);
-
-impl Backward<Flex, 4> for AddedConvGradient {
-    type State = State;
-
-    fn backward(self, ops: Ops<State, 4>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        register(self.0, ops, gradients);
+    fn backward(self, ops: Ops<State, N>, gradients: &mut Gradients, _: &mut Checkpointer) {
+        let Self(convolving) = self;
+        let gradient = gradients.consume::<Flex>(&ops.node);
+        let State {
+            inputs,
+            weight,
+            output,
+        } = ops.state;
+        let gradient = match (convolving.activation, output) {
+            (Some(activation), Some(output)) => activation_gradient(activation, gradient, &output),
+            _ => gradient.to_contiguous(),
+        };
+        let geometry = convolving.geometry(together(&inputs), dims(&weight));
+        let (of_inputs, others) = ops.parents.split_at(inputs.len());
+        let mut found = Vec::new();
+        if let [_, of_bias @ Some(_), ..] = others {
+            found.push((of_bias, bias_gradient(&gradient)));
+        }
+        if let [of_weight @ Some(_), ..] = others {
+            let (outer, input) = ([(values(&gradient), dims(&gradient)[1])], images(&inputs));
+            let sums = if convolving.transposed {
+                geometry.weight_gradient(Images(&outer), values(&inputs[0]))
+            } else {
+                geometry.weight_gradient(Images(&input), values(&gradient))
+            };
+            found.push((of_weight, cpu_tensor(sums, &dims(&weight))));
+        }
+        if of_inputs.iter().any(Option::is_some) {
+            let (outer, weight) = (values(&gradient), values(&weight));
+            let of_images = if convolving.transposed {
+                let outer = [(outer, dims(&gradient)[1])];
+                vec![geometry.gather(Images(&outer), weight, Finish::NOTHING)]
+            } else {
+                let channels: Vec<usize> = inputs.iter().map(|input| dims(input)[1]).collect();
+                geometry.scatter(outer, weight, Finish::NOTHING, &channels)
+            };
+            let of_images = of_images.into_iter().zip(&inputs);
+            let of_images = of_images.map(|(found, input)| cpu_tensor(found, &dims(input)));
+            found.extend(of_inputs.iter().zip(of_images));
+        }
+        if let [_, _, of_added] = others {
+            found.push((of_added, gradient));
+        }
+        for (node, found) in found {
+            if let Some(node) = node {
+                gradients.register::<Flex>(node.id, found);
+            }
+        }
     }
 }
 

@@ -7,11 +7,13 @@
 //!
 //! Work is divided by shape alone, and partial sums are added in a fixed order.
 
+use rten_simd::{Isa, SimdOp};
+
 use super::super::activation::Activation;
 use super::super::product::{Dense, multiply};
 use super::geometry::Geometry;
 use super::phases::{Phase, arrange, interleave, pairs};
-use super::pieces::{Piece, Source, each_chunk, each_sample, pieces, with_kept};
+use super::pieces::{Images, Piece, Source, each_chunk, each_sample, pieces, planes, with_kept};
 use super::windows::Layout;
 
 /// What becomes of the sums of a pass.
@@ -32,24 +34,48 @@ impl Finish<'_> {
         activation: None,
     };
 
-    #[inline(always)]
     fn apply(&self, channel: usize, values: &mut [f32]) {
         let bias = self.bias.map_or(0.0, |bias| bias[channel]);
+        let activation = self.activation;
+        let applied = Applied {
+            values,
+            bias,
+            activation,
+        };
+        applied.dispatch();
+    }
+}
+
+/// Values that get a bias and an activation.
+struct Applied<'a> {
+    values: &'a mut [f32],
+    bias: f32,
+    activation: Option<Activation>,
+}
+
+impl SimdOp for Applied<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn eval<I: Isa>(self, _: I) {
+        let bias = self.bias;
+        let values = self.values.iter_mut();
+        // One loop per function, each without a choice inside.
         match self.activation {
-            None => values.iter_mut().for_each(|value| *value += bias),
-            Some(Activation::Elu) => values
-                .iter_mut()
-                .for_each(|value| *value = Activation::Elu.value(*value + bias)),
-            Some(Activation::LeakyRelu) => values
-                .iter_mut()
-                .for_each(|value| *value = Activation::LeakyRelu.value(*value + bias)),
+            None => values.for_each(|value| *value += bias),
+            Some(Activation::Elu) => {
+                values.for_each(|value| *value = Activation::Elu.value(*value + bias));
+            }
+            Some(Activation::LeakyRelu) => {
+                values.for_each(|value| *value = Activation::LeakyRelu.value(*value + bias));
+            }
         }
     }
 }
 
 impl Geometry {
     /// From the large image to the small one: a convolution.
-    pub fn gather(&self, large: &[f32], weight: &[f32], finish: Finish) -> Vec<f32> {
+    pub fn gather(&self, large: Images, weight: &[f32], finish: Finish) -> Vec<f32> {
         let [channels, height, width] = self.small;
         let plane = height * width;
         let depth = self.large[0] * self.kernel * self.kernel;
@@ -58,7 +84,7 @@ impl Geometry {
             columns: depth,
         };
         let mut small = vec![0.0_f32; self.batch * channels * plane];
-        let pieces = pieces(&mut small, self.batch, self.small, 1);
+        let pieces = pieces(small.chunks_mut(plane.max(1)), self.batch, self.small, 1);
         self.source(large)
             .each_piece(pieces, &[self.places()], |piece, windows| {
                 let Piece {
@@ -99,17 +125,24 @@ impl Geometry {
     }
 
     /// From the small image to the large one: a transposed convolution, or the gradient of a convolution
-    /// with respect to its input. Nothing can be [`Finish::added`].
+    /// with respect to its input. Nothing can be [`Finish::added`]. The result may be several images, of so
+    /// many channels each.
     ///
     /// With a stride the large image falls into that many interleaved ones in either direction; each is
     /// a convolution of the small image with its own part of the weights.
-    pub fn scatter(&self, small: &[f32], weight: &[f32], finish: Finish) -> Vec<f32> {
+    pub fn scatter(
+        &self,
+        small: &[f32],
+        weight: &[f32],
+        finish: Finish,
+        channels: &[usize],
+    ) -> Vec<Vec<f32>> {
         let phases: Vec<Phase> = (0..self.stride)
             .map(|remainder| Phase::new(self, remainder))
             .collect();
         with_kept(weight.len(), |arranged| {
             arrange(self, weight, &phases, arranged);
-            self.scatter_arranged(small, arranged, &phases, finish)
+            self.scatter_arranged(small, arranged, &phases, finish, channels)
         })
     }
 
@@ -119,16 +152,18 @@ impl Geometry {
         arranged: &[f32],
         phases: &[Phase],
         finish: Finish,
-    ) -> Vec<f32> {
-        let ([channels, height, width], stride) = (self.large, self.stride);
+        channels: &[usize],
+    ) -> Vec<Vec<f32>> {
+        let ([_, height, width], stride) = (self.large, self.stride);
         let before = phases
             .iter()
             .map(|phase| (phase.taps).saturating_sub(phase.shift + 1));
         let before = before.max().unwrap_or(0);
         let after = phases.iter().map(|phase| phase.shift).max().unwrap_or(0);
         let columns = width.div_ceil(stride);
+        let images = [(small, self.small[0])];
         let source = Source {
-            values: small,
+            images: Images(&images),
             size: self.small,
             layout: (!self.is_pointwise()).then_some(Layout {
                 size: before + after + 1,
@@ -144,8 +179,11 @@ impl Geometry {
                     .collect()
             })
             .collect();
-        let mut large = vec![0.0_f32; self.batch * channels * height * width];
-        let pieces = pieces(&mut large, self.batch, self.large, stride);
+        let plane = height * width;
+        let image = |channels: &usize| vec![0.0_f32; self.batch * channels * plane];
+        let mut large: Vec<Vec<f32>> = channels.iter().map(image).collect();
+        let planes = planes(&mut large, self.batch, channels, plane);
+        let pieces = pieces(planes, self.batch, self.large, stride);
         source.each_piece(pieces, &places, |piece, windows| {
             let Piece {
                 rows,

@@ -44,10 +44,10 @@ pub(super) struct Piece<'a> {
     pub out: Vec<&'a mut [f32]>,
 }
 
-/// Divides a result `[n, c, h, w]` by rows, and those by channels; `scale` rows of it belong to each of the
-/// rows that the division counts.
+/// Divides a result `[n, c, h, w]`, given plane by plane, by rows, and those by channels; `scale` rows of it
+/// belong to each of the rows that the division counts.
 pub(super) fn pieces<'a>(
-    out: &'a mut [f32],
+    mut planes: impl Iterator<Item = &'a mut [f32]>,
     batch: usize,
     [channels, height, width]: [usize; 3],
     scale: usize,
@@ -69,7 +69,6 @@ pub(super) fn pieces<'a>(
             (0..blocks).map(piece).collect()
         })
         .collect();
-    let mut planes = out.chunks_mut((height * width).max(1));
     for sample in 0..batch {
         for channel in 0..channels {
             let mut rest = planes.next().expect("a plane for every channel");
@@ -88,9 +87,47 @@ pub(super) fn pieces<'a>(
     pieces
 }
 
+/// Images whose channels follow each other: the numbers and the channels of each.
+#[derive(Clone, Copy)]
+pub(super) struct Images<'a>(pub &'a [(&'a [f32], usize)]);
+
+impl<'a> Images<'a> {
+    /// The plane of a sample and a channel; planes have `size` numbers.
+    pub fn plane(&self, sample: usize, channel: usize, size: usize) -> &'a [f32] {
+        let mut channel = channel;
+        for &(values, channels) in self.0 {
+            if channel < channels {
+                return &values[(sample * channels + channel) * size..][..size];
+            }
+            channel -= channels;
+        }
+        unreachable!("a channel of the convolution is one of its images'")
+    }
+}
+
+/// Planes of images `[n, c, h, w]`, of which there may be several whose channels follow each other,
+/// sample by sample.
+pub(super) fn planes<'a>(
+    images: &'a mut [Vec<f32>],
+    batch: usize,
+    channels: &'a [usize],
+    size: usize,
+) -> impl Iterator<Item = &'a mut [f32]> {
+    let mut images: Vec<_> = images
+        .iter_mut()
+        .map(|image| image.chunks_mut(size.max(1)))
+        .collect();
+    let order = (0..batch).flat_map(move |_| {
+        let image = channels.iter().enumerate();
+        image.flat_map(|(image, &channels)| std::iter::repeat_n(image, channels))
+    });
+    order.filter_map(move |image| images[image].next())
+}
+
 /// Where windows lie on an image.
 pub(super) struct Source<'a> {
-    pub values: &'a [f32],
+    /// One, where there is no layout.
+    pub images: Images<'a>,
     pub size: [usize; 3],
     /// `None` where they are single pixels one after the other, so that the image needs no block.
     pub layout: Option<Layout>,
@@ -106,11 +143,12 @@ impl Source<'_> {
         work: impl FnOnce(&[Windows]),
     ) {
         let Some(layout) = self.layout else {
-            return work(&[Windows::planes(self.values, self.size, rows, of)]);
+            let (values, _) = self.images.0[0];
+            return work(&[Windows::planes(values, self.size, rows, of)]);
         };
         // Not borrowed: while this thread waits for others it may get here again.
         let mut block = BLOCK.take();
-        layout.block(self.values, self.size, rows, of.clone(), &mut block);
+        layout.block(self.images, self.size, rows, of.clone(), &mut block);
         let windows = places
             .iter()
             .map(|places| layout.windows(&block, of.len(), rows, places));

@@ -127,6 +127,47 @@ fn transposed_convolutions_equal_those_of_burn() {
     }
 }
 
+/// Several inputs are as good as one that holds them all, to the bit, and so are their gradients.
+#[test]
+fn inputs_need_not_be_put_together() {
+    let device = Device::flex();
+    for (channels, kernel) in [(&[5, 9, 2][..], 3), (&[16, 3], 3), (&[4, 4, 2], 1)] {
+        let inputs: Vec<Tensor<4>> = channels
+            .iter()
+            .map(|&channels| random([2, channels, 12, 40], &device))
+            .collect();
+        let all: usize = channels.iter().sum();
+        let weight = random([7, all, kernel, kernel], &device);
+        let bias = random([7], &device);
+        let outer = random([2, 7, 12, 40], &device).autodiff();
+        let convolving = Convolving {
+            stride: 1,
+            padding: kernel / 2,
+            transposed: false,
+            activation: Some(Activation::Elu),
+        };
+        let run = |apart: bool| {
+            let leaf = |tensor: &Tensor<4>| tensor.clone().autodiff().require_grad();
+            let (leaves, weight) = (inputs.iter().map(leaf).collect::<Vec<_>>(), leaf(&weight));
+            let bias = bias.clone().autodiff().require_grad();
+            let given = match apart {
+                true => leaves.clone(),
+                false => vec![Tensor::cat(leaves.clone(), 1)],
+            };
+            let output = convolving.apply_to(given, weight.clone(), bias.clone(), None);
+            let gradients = (output.clone() * outer.clone()).sum().backward();
+            let of = |tensor: &Tensor<4>| values_of(tensor.grad(&gradients).expect("a gradient"));
+            let mut results = vec![values_of(output.inner()), of(&weight)];
+            results.push(values_of(bias.grad(&gradients).expect("a gradient")));
+            results.extend(leaves.iter().map(of));
+            results
+        };
+        assert_eq!(run(true), run(false), "{channels:?}");
+        let plain = convolving.apply_to(inputs.clone(), weight.clone(), bias.clone(), None);
+        assert_eq!(values_of(plain), run(false)[0]);
+    }
+}
+
 /// The same without a graph, and the same bits for any number of threads.
 #[test]
 fn threads_change_no_bit() {

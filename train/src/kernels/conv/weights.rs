@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::super::product::multiply;
 use super::geometry::Geometry;
-use super::pieces::{FEWEST_CHANNELS, FEWEST_POSITIONS, MOST_POSITIONS, PIECES, with_kept};
+use super::pieces::{FEWEST_CHANNELS, FEWEST_POSITIONS, Images, MOST_POSITIONS, PIECES, with_kept};
 use super::windows::{Rows, Turned, Windows};
 
 /// Most elements of all partial sums.
@@ -15,7 +15,7 @@ const CHUNK: usize = 1 << 14;
 impl Geometry {
     /// The gradient with respect to the weights, from the large and the small image; one of them is an
     /// input, the other the gradient of an output.
-    pub fn weight_gradient(&self, large: &[f32], small: &[f32]) -> Vec<f32> {
+    pub fn weight_gradient(&self, large: Images, small: &[f32]) -> Vec<f32> {
         let window = self.large[0] * self.kernel * self.kernel;
         let [channels, height, width] = self.small;
         let positions = self.batch * height * width;
@@ -30,7 +30,7 @@ impl Geometry {
     }
 
     /// Each piece of work takes some of the positions; sums of windows times channels.
-    fn weight_gradient_by_parts(&self, large: &[f32], small: &[f32], most: usize) -> Vec<f32> {
+    fn weight_gradient_by_parts(&self, large: Images, small: &[f32], most: usize) -> Vec<f32> {
         let [channels, height, width] = self.small;
         let window = self.large[0] * self.kernel * self.kernel;
         let positions = self.batch * height * width;
@@ -79,7 +79,7 @@ impl Geometry {
     }
 
     /// Each piece of work takes some channels of the large image; sums of channels times windows.
-    fn weight_gradient_by_channels(&self, large: &[f32], small: &[f32]) -> Vec<f32> {
+    fn weight_gradient_by_channels(&self, large: Images, small: &[f32]) -> Vec<f32> {
         let ([inputs, ..], [channels, height, width]) = (self.large, self.small);
         let area = self.kernel * self.kernel;
         let fewest = FEWEST_CHANNELS.div_ceil(area);

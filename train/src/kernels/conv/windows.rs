@@ -3,7 +3,8 @@
 
 use std::ops::Range;
 
-use super::super::product::{Left, Right};
+use super::super::product::{InPlace, Left, Right};
+use super::pieces::Images;
 
 /// Rows of an image that one piece of work looks at: of one sample, or all of several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +58,8 @@ pub(super) struct Windows<'a> {
     taps: Vec<usize>,
     lines: Vec<usize>,
     width: usize,
+    /// Rows of an image of a power of two fall into the same places of a cache; those of a block do not.
+    in_block: bool,
 }
 
 impl<'a> Windows<'a> {
@@ -76,6 +79,7 @@ impl<'a> Windows<'a> {
                 .map(|sample| sample * channels * plane + rows.first * width)
                 .collect(),
             width: rows.count * width,
+            in_block: false,
         }
     }
 
@@ -139,6 +143,16 @@ impl Right for Windows<'_> {
                 out[count..].fill(0.0);
             }
         }
+    }
+
+    #[inline(always)]
+    fn in_place(&self, columns: Range<usize>) -> Option<InPlace<'_>> {
+        let (line, first) = (columns.start / self.width, columns.start % self.width);
+        (self.in_block && first + columns.len() <= self.width).then(|| InPlace {
+            values: self.values,
+            starts: &self.taps,
+            offset: self.lines[line] + first,
+        })
     }
 }
 
@@ -224,13 +238,13 @@ impl Layout {
         (count.max(1) - 1) * self.stride + self.size
     }
 
-    /// Copies what the windows of `rows` see of the channels `of` of `[n, c, h, w]` into `block`, with
+    /// Copies what the windows of `rows` see of the channels `of` of images `[n, c, h, w]` into `block`, with
     /// zeros where that is outside: `[sample, channel, row, remainder by the stride, column]`, so that
     /// whatever place of a window is asked for, neighbours lie side by side.
     pub fn block(
         &self,
-        image: &[f32],
-        [channels, height, width]: [usize; 3],
+        images: Images,
+        [_, height, width]: [usize; 3],
         rows: Rows,
         of: Range<usize>,
         block: &mut Vec<f32>,
@@ -243,13 +257,16 @@ impl Layout {
         let mut lines = block.chunks_exact_mut(line);
         for sample in rows.sample..rows.sample + rows.samples {
             for channel in of.clone() {
-                let plane = (sample * channels + channel) * height * width;
+                let plane = images.plane(sample, channel, height * width);
                 for row in 0..count {
                     let y = (rows.first * self.stride + row).wrapping_sub(self.before);
                     for (remainder, line) in (0..self.stride).zip(&mut lines) {
+                        if row % self.stride >= self.size || remainder >= self.size {
+                            // Between the windows.
+                            continue;
+                        }
                         if y < height {
-                            let start = plane + y * width;
-                            self.spread(&image[start..start + width], remainder, line);
+                            self.spread(&plane[y * width..(y + 1) * width], remainder, line);
                         } else {
                             line.fill(0.0);
                         }
@@ -280,6 +297,11 @@ impl Layout {
         let line = &mut line[begin..end];
         if stride == 1 {
             line.copy_from_slice(&source[..line.len()]);
+        } else if stride == 2 && source.len() >= 2 * line.len() {
+            let (pairs, _) = source.as_chunks::<2>();
+            for (value, [source, _]) in line.iter_mut().zip(pairs) {
+                *value = *source;
+            }
         } else {
             for (value, source) in line.iter_mut().zip(source.iter().step_by(stride)) {
                 *value = *source;
@@ -312,6 +334,7 @@ impl Layout {
                 })
                 .collect(),
             width: self.columns,
+            in_block: true,
         }
     }
 }
