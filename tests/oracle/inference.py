@@ -82,3 +82,52 @@ def interval(sums, counts, kind):
         return ratio * math.exp(-half / ratio), ratio * math.exp(half / ratio)
     logit, step = math.log(ratio / (1 - ratio)), half / (ratio * (1 - ratio))
     return 1 / (1 + math.exp(step - logit)), 1 / (1 + math.exp(-step - logit))
+
+
+def study(first, second, counts):
+    """Difference of two variants, arrays of seeds x drives with sums over images; PROTOCOL 11.1.
+
+    Returns difference, standard error, degrees of freedom, interval, p, and which shares of the variance are
+    those of seeds and of drives alone. Every jackknife is done by leaving out.
+    """
+    counts = np.asarray(counts, float)
+    drives = counts.size
+
+    def mean_without(sums, drive):
+        kept = np.arange(drives) != drive
+        return sums[..., kept].sum(-1) / counts[kept].sum()
+
+    def jackknife(sums):
+        """Variance over drives of each series of sums."""
+        left = np.stack([mean_without(sums, drive) for drive in range(drives)])
+        return (drives - 1) / drives * ((left - sums.sum(-1) / counts.sum()) ** 2).sum(0)
+
+    free = degrees_of_freedom(counts)
+    first, second = np.asarray(first, float), np.asarray(second, float)
+    apart = second.mean(0) - first.mean(0)
+    of_drives = jackknife(apart)
+    of_seeds, on_both, weights = 0.0, 0.0, [(of_drives, free)]
+    for runs in (first, second):
+        seeds = len(runs)
+        spread = np.var(runs.sum(1) / counts.sum(), ddof=1) / seeds
+        single = jackknife(runs - runs.mean(0)).sum() / (seeds - 1) / seeds
+        on_both += single
+        if spread > single:
+            of_seeds += spread - single
+            weights += [(spread, seeds - 1), (single, (seeds - 1) * free)]
+    variance = of_seeds + of_drives
+    fewest = min(len(first) - 1, len(second) - 1, free)
+    degrees = max(variance**2 / sum(part**2 / degrees for part, degrees in weights), fewest)
+    difference, error = apart.sum() / counts.sum(), math.sqrt(variance)
+    half = student_t(degrees) * error
+    alone = [of_seeds / variance, max(of_drives - on_both, 0) / variance]
+    interval = [difference - half, difference + half]
+    return [difference, error, degrees, interval, outside_t(abs(difference) / error, degrees), alone]
+
+
+def outside_t(bound, degrees):
+    """Probability that Student's t is larger in size, from its density."""
+    scale = math.exp(math.lgamma((degrees + 1) / 2) - math.lgamma(degrees / 2)) / math.sqrt(degrees * math.pi)
+    angle = np.linspace(0, math.atan(bound), 1_000_001)
+    density = scale * (1 + np.tan(angle) ** 2 / degrees) ** (-(degrees + 1) / 2) / np.cos(angle) ** 2
+    return 1 - 2 * float(np.sum((density[1:] + density[:-1]) / 2 * np.diff(angle)))

@@ -195,6 +195,28 @@ def _():
     return inference.interval(sums, [len(drive) for drive in drives], "any")
 
 
+@recipe("metrics/study")
+def _():
+    """Three seeds of one variant and four of another over eleven images of four drives."""
+    drives = [0, 0, 0, 1, 1, 2, 2, 2, 2, 3, 3]
+
+    def value(seed, image, gain):
+        drive = drives[image]
+        plain = 20 + 3 * drive + image * 7 % 5 + seed * 5 % 7
+        return (plain + gain * (1 + drive + seed * (image + drive) % 3)) / 100
+
+    def sums(seeds, gain):
+        table = np.zeros((seeds, 4))
+        for seed in range(seeds):
+            for image, drive in enumerate(drives):
+                table[seed, drive] += value(seed + 1, image, gain)
+        return table
+
+    first, second = sums(3, 1.5), sums(4, -2.7)
+    means = first.sum(1) / 11
+    return [means.mean(), means.std(ddof=1)] + inference.study(first, second, [3, 2, 4, 2])
+
+
 # Splits.
 
 

@@ -73,24 +73,12 @@ pub(crate) fn check(sizes: &[f64]) -> Result<(), NoInterval> {
 /// Interval of the ratio of the totals of both sums over clusters, each `(numerator, denominator)`
 /// with a denominator above 0; there must be at least two.
 pub(crate) fn ratio_interval(clusters: &[(f64, f64)], range: Range) -> Interval {
-    let count = clusters.len() as f64;
-    let numerators: f64 = clusters.iter().map(|(numerator, _)| numerator).sum();
-    let total: f64 = clusters.iter().map(|(_, denominator)| denominator).sum();
-    let ratio = numerators / total;
-    // Leaving out a cluster changes the ratio by -(numerator - ratio * denominator) / rest.
-    let squares: f64 = clusters
-        .iter()
-        .map(|(numerator, denominator)| {
-            let change = (numerator - ratio * denominator) / (total - denominator);
-            change * change
-        })
-        .sum();
-    let error = ((count - 1.0) / count * squares).sqrt();
+    let (ratio, variance) = jackknife(clusters);
     let sizes: Vec<f64> = clusters
         .iter()
         .map(|(_, denominator)| *denominator)
         .collect();
-    let half_width = student_t(degrees_of_freedom(&sizes)) * error;
+    let half_width = student_t(degrees_of_freedom(&sizes), 0.05) * variance.sqrt();
     let (low, high) = match range {
         // Also a figure at the edge of what is possible, where every cluster has to be.
         _ if half_width == 0.0 => (ratio, ratio),
@@ -110,11 +98,29 @@ pub(crate) fn ratio_interval(clusters: &[(f64, f64)], range: Range) -> Interval 
     Interval { low, high }
 }
 
+/// The ratio of the totals of both sums over clusters, as in [`ratio_interval`], and its variance by
+/// the delete-one jackknife.
+pub(crate) fn jackknife(clusters: &[(f64, f64)]) -> (f64, f64) {
+    let count = clusters.len() as f64;
+    let numerators: f64 = clusters.iter().map(|(numerator, _)| numerator).sum();
+    let total: f64 = clusters.iter().map(|(_, denominator)| denominator).sum();
+    let ratio = numerators / total;
+    // Leaving out a cluster changes the ratio by -(numerator - ratio * denominator) / rest.
+    let squares: f64 = clusters
+        .iter()
+        .map(|(numerator, denominator)| {
+            let change = (numerator - ratio * denominator) / (total - denominator);
+            change * change
+        })
+        .sum();
+    (ratio, (count - 1.0) / count * squares)
+}
+
 /// Degrees of freedom of the jackknife's variance for clusters of these sizes, as Bell and
 /// McCaffrey have them: those of the chi-squared distribution with the same mean and variance as
 /// the sum of squared residuals of independent images, each cluster's residual divided by
 /// one minus its share.
-fn degrees_of_freedom(sizes: &[f64]) -> f64 {
+pub(crate) fn degrees_of_freedom(sizes: &[f64]) -> f64 {
     let total: f64 = sizes.iter().sum();
     let (mut trace, mut squares, mut outer, mut outer_squares) = (0.0, 0.0, 0.0, 0.0);
     for size in sizes {
@@ -128,13 +134,13 @@ fn degrees_of_freedom(sizes: &[f64]) -> f64 {
     trace * trace / (squares + outer * outer - outer_squares)
 }
 
-/// The value that Student's t with that many degrees of freedom (at least 1) exceeds in size once
-/// in twenty times.
-fn student_t(degrees: f64) -> f64 {
+/// The value that Student's t with that many degrees of freedom (at least 1) exceeds in size with
+/// probability `tail`, at least 0.04.
+pub(crate) fn student_t(degrees: f64, tail: f64) -> f64 {
     let (mut low, mut high) = (0.0, 20.0);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if two_sided_tail(middle, degrees) > 0.05 {
+        if two_sided_tail(middle, degrees) > tail {
             low = middle;
         } else {
             high = middle;
@@ -145,7 +151,7 @@ fn student_t(degrees: f64) -> f64 {
 
 /// P(|T| > t): the regularised incomplete beta function I_x(degrees / 2, 1 / 2) at
 /// x = degrees / (degrees + t^2).
-fn two_sided_tail(t: f64, degrees: f64) -> f64 {
+pub(crate) fn two_sided_tail(t: f64, degrees: f64) -> f64 {
     let (a, b) = (0.5 * degrees, 0.5);
     let x = degrees / (degrees + t * t);
     if x >= 1.0 {
@@ -220,7 +226,7 @@ mod tests {
             (38.25, 2.0239597418010455),
             (1e4, 1.960201239890626),
         ] {
-            close(student_t(degrees), expected);
+            close(student_t(degrees, 0.05), expected);
         }
     }
 

@@ -52,6 +52,7 @@ mod protocol;
 pub mod published;
 pub mod rows;
 pub mod statistics;
+pub mod study;
 pub mod tables;
 mod thesis;
 

@@ -80,6 +80,15 @@ pub struct RowContext {
     pub tool_version: String,
 }
 
+impl RowContext {
+    /// Name and seed of a model called `NAME@SEED`.
+    #[must_use]
+    pub fn seed(&self) -> Option<(&str, &str)> {
+        let (name, seed) = self.model.rsplit_once('@')?;
+        (!name.is_empty() && !seed.is_empty()).then_some((name, seed))
+    }
+}
+
 /// One line of `rows.csv`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {

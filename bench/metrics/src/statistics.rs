@@ -219,6 +219,46 @@ pub fn summarise(rows: &[&Row]) -> Option<Summary> {
     })
 }
 
+/// A share with its interval over recordings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ratio {
+    /// Hits of all images over tries of all images.
+    pub value: f64,
+    /// Its interval.
+    pub interval: Option<Interval>,
+    /// Why there is none.
+    pub no_interval: Option<NoInterval>,
+    /// What the images were recorded in.
+    pub clusters: Clusters,
+}
+
+/// The share of hits among tries, each a sum over an image: `(image, hits, tries)`. `None` without any
+/// try.
+pub fn ratio<'a>(images: impl Iterator<Item = (&'a str, f64, f64)>) -> Option<Ratio> {
+    let mut recordings: BTreeMap<Recording<'_>, (f64, f64)> = BTreeMap::new();
+    for (image, hits, tries) in images {
+        let sums = recordings.entry(recording(image)).or_default();
+        sums.0 += hits;
+        sums.1 += tries;
+    }
+    let clusters = Clusters::count(recordings.keys().copied());
+    let sums: Vec<(f64, f64)> = recordings.into_values().collect();
+    let tries: Vec<f64> = sums.iter().map(|(_, tries)| *tries).collect();
+    let total: f64 = tries.iter().sum();
+    if total == 0.0 {
+        return None;
+    }
+    let no_interval = check(&tries).err();
+    Some(Ratio {
+        value: sums.iter().map(|(hits, _)| hits).sum::<f64>() / total,
+        interval: no_interval
+            .is_none()
+            .then(|| ratio_interval(&sums, Range::Fraction)),
+        no_interval,
+        clusters,
+    })
+}
+
 /// Mean over images of sorted ids; `None` without any. Added up drive by drive where ids name one:
 /// another order would change the last digits of figures that people have published.
 pub(crate) fn mean<'a, const N: usize>(

@@ -24,8 +24,7 @@ impl<'a> Measured<'a> {
 
     /// Name and seed of a model called `NAME@SEED`.
     pub(super) fn seed(&self) -> Option<(&'a str, &'a str)> {
-        let (name, seed) = self.context().model.rsplit_once('@')?;
-        (!name.is_empty() && !seed.is_empty()).then_some((name, seed))
+        self.context().seed()
     }
 
     pub(super) fn display_name(&self) -> String {
