@@ -3,35 +3,37 @@
 //! What is drawn is what was scored under one protocol, the one that the images were chosen under and the
 //! captions name. Not here: how a sheet looks; see [`crate::draw::side_by_side`].
 
+mod choice;
+
 use std::{
     collections::{BTreeSet, HashMap},
     path::{Path, PathBuf},
 };
 
+pub use choice::{Choice, choose, protocol_for};
 use serde::Serialize;
-use strat_metrics::{Alignment, Protocol, Row, RowContext, Suffix};
+use strat_metrics::{Alignment, Protocol, RowContext, Suffix};
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::{
     files, image_files,
     progress::Progress,
     resize,
     set::{Content, PreparedSet, Sample},
-    spread,
 };
 
 use crate::{
     draw::{
+        baselines,
         png::{self, DrawError},
         side_by_side::{self, Frame, Shown, Synthesis, SynthesisFrame},
     },
     evaluate::{
         self, Comparison, NamedFile, Predictor, SampleError, Task,
-        plan::{self, PlanError, TableChoice},
+        plan::PlanError,
         predictions::{SavedError, SavedPredictions},
         sample::load_image,
     },
     model::{self, Model, ModelError},
-    protocol_file,
 };
 
 /// PNG pixels for each unit of the SVG.
@@ -63,6 +65,35 @@ pub enum FigureError {
         /// Why.
         source: DrawError,
     },
+    /// The table of matching costs cannot be formed.
+    #[error(transparent)]
+    Csv(#[from] strat_metrics::CsvError),
+    /// Nothing to match in an image.
+    #[error(
+        "image {image} has no right view or no ground truth from a camera's position, so there is nothing \
+         to match; sets of `prep kitti`, `prep eigen` and `prep synth` have both"
+    )]
+    NoMatching {
+        /// The image.
+        image: String,
+    },
+    /// A pixel without truth.
+    #[error(
+        "image {image} ({width}x{height}) has no true disparity within 8 pixels of ({x}, {y}) that a \
+         search could find"
+    )]
+    NoTruthAt {
+        /// The image.
+        image: String,
+        /// Column.
+        x: usize,
+        /// Row.
+        y: usize,
+        /// Columns of the image.
+        width: usize,
+        /// Rows of the image.
+        height: usize,
+    },
     /// The set has no tables.
     #[error("this set has no protocol of its own; give one with `--protocol`")]
     NoProtocol,
@@ -92,135 +123,6 @@ pub enum FigureError {
          rules with `--protocol`"
     )]
     OtherRules(String),
-}
-
-/// Which test images are drawn.
-#[derive(Clone, Debug)]
-pub enum Choice {
-    /// These ids.
-    Images(Vec<String>),
-    /// So many, spread evenly.
-    Evenly(usize),
-    /// By their Abs Rel in the mean over the models of these rows.
-    Ranked {
-        /// The rows.
-        rows: Vec<Row>,
-        /// So many of the worst images, the worst first.
-        worst: usize,
-        /// So many of the best, the best first.
-        best: usize,
-    },
-}
-
-/// The protocol that figures are drawn under: the one given by name, else the first without groups
-/// that the rows to choose by were measured under, else that of the set's first table. Own pairs and
-/// Cityscapes have no table.
-///
-/// # Errors
-/// The set has no such ground truth, or the rows were measured by other rules.
-pub fn protocol_for(
-    given: Option<&str>,
-    choice: &Choice,
-    set: &PreparedSet,
-    samples: &[Sample],
-) -> Result<Protocol, FigureError> {
-    let content = set.manifest.content;
-    let of_rows = match choice {
-        Choice::Ranked { rows, .. } => rows.iter().find(|row| row.score.group.is_none()),
-        _ => None,
-    };
-    let of_rows = of_rows.map(|row| &row.context);
-    let wanted = given.or(of_rows.map(|context| context.protocol.as_str()));
-    let wanted: Vec<String> = match (wanted, content) {
-        (Some(name), _) => vec![name.to_owned()],
-        (None, Content::Pairs | Content::Cityscapes) => vec!["eigen-cameraz-80".to_owned()],
-        (None, _) => Vec::new(),
-    };
-    let count = plan::test_count(set, samples);
-    let plan = plan::plan(TableChoice::All, &wanted, content, samples, count)?;
-    let found = match wanted.first() {
-        // One that a table has too stands in the table's position of the plan.
-        Some(name) => protocol_file::resolve(name).ok(),
-        None => plan.protocols.into_iter().next(),
-    };
-    let found = found.ok_or(FigureError::NoProtocol)?;
-    match of_rows.filter(|_| given.is_none()) {
-        Some(context) if context.protocol_digest != found.digest() => {
-            Err(FigureError::OtherRules(found.name))
-        }
-        _ => Ok(found),
-    }
-}
-
-/// The test images to be drawn.
-///
-/// # Errors
-/// One is not in the set, or the rows have none under the protocol.
-pub fn choose(
-    choice: &Choice,
-    protocol: &Protocol,
-    set: &PreparedSet,
-    samples: &[Sample],
-) -> Result<Vec<Sample>, FigureError> {
-    let by_id = |id: &str| {
-        let found = samples.iter().find(|sample| sample.id == id);
-        found.cloned().ok_or_else(|| {
-            let drive = id.split('/').next().unwrap_or(id);
-            let near = samples.iter().find(|sample| sample.id.starts_with(drive));
-            let example = near.or(samples.first());
-            FigureError::NoSuchImage {
-                set: set.root.display().to_string(),
-                id: id.to_owned(),
-                example: example.map_or_else(String::new, |sample| sample.id.clone()),
-            }
-        })
-    };
-    match choice {
-        Choice::Images(ids) => ids.iter().map(|id| by_id(id.trim())).collect(),
-        Choice::Evenly(count) => {
-            let indices = spread::evenly(samples.len(), *count);
-            Ok(indices.map(|index| samples[index].clone()).collect())
-        }
-        Choice::Ranked { rows, worst, best } => {
-            let ranked = ranked(rows, protocol);
-            if ranked.is_empty() {
-                let names = rows.iter().map(|row| row.context.protocol.clone());
-                let names: BTreeSet<String> = names.collect();
-                return Err(FigureError::NotRanked {
-                    wanted: protocol.name.clone(),
-                    found: names.into_iter().collect(),
-                });
-            }
-            let mut seen = BTreeSet::new();
-            let bounds = ranked.iter().rev().take(*worst);
-            bounds
-                .chain(ranked.iter().take(*best))
-                .filter(|id| seen.insert(**id))
-                .map(|id| by_id(id))
-                .collect()
-        }
-    }
-}
-
-/// Images by their Abs Rel under a protocol, in the mean over the models, best first. Models of
-/// unknown scale are scored by medians under it.
-fn ranked<'a>(rows: &'a [Row], protocol: &Protocol) -> Vec<&'a str> {
-    let scaled = protocol.clone().with(Suffix::Align(Alignment::Median));
-    let digests = [protocol.digest(), scaled.digest()];
-    let mut sums: HashMap<&str, (f64, f64)> = HashMap::new();
-    for row in rows {
-        if row.score.group.is_none() && digests.contains(&row.context.protocol_digest) {
-            let (sum, count) = sums.entry(&row.image).or_default();
-            *sum += row.score.metrics.abs_rel;
-            *count += 1.0;
-        }
-    }
-    let mut ranked: Vec<(&str, f64)> = sums
-        .into_iter()
-        .map(|(image, (sum, count))| (image, sum / count))
-        .collect();
-    ranked.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(b.0)));
-    ranked.into_iter().map(|(image, _)| image).collect()
 }
 
 /// A model of a figure; stands in `figures.yaml`.
@@ -370,9 +272,12 @@ impl Figures<'_> {
         let size = (disparity.width as u32, disparity.height as u32);
         let small = |image| resize::rgb(&image, size.0, size.1, input.kernel);
         let real = image_files::read_rgb(&self.set.path(right))?;
+        let left = small(left);
         Ok(Some(Synthesis {
-            right: side_by_side::synthesize_right(&small(left), &disparity),
+            right: side_by_side::synthesize_right(&left, &disparity, 1.0),
             real: small(real),
+            left,
+            disparity,
         }))
     }
 
@@ -431,11 +336,32 @@ impl Figures<'_> {
             "fig_3_10",
             &side_by_side::syntheses(title, &frames),
         )?);
+        written.extend(self.baselines(out, &able)?);
         Ok(written)
+    }
+
+    /// A sheet for each model: right views of the first image at growing baselines.
+    fn baselines(&self, out: &Path, able: &[&Drawn]) -> Result<Vec<String>, FigureError> {
+        let Some(first) = self.chosen.first() else {
+            return Ok(Vec::new());
+        };
+        let sheets: Vec<String> = able
+            .iter()
+            .filter_map(|one| {
+                let synthesis = one.synthesis(&first.id).ok()?;
+                Some(baselines::sheet(&first.id, one.name(), synthesis))
+            })
+            .collect();
+        write_sheets(out, "fig_3_4", &sheets)
     }
 }
 
-fn write_sheets(out: &Path, name: &str, sheets: &[String]) -> Result<Vec<String>, FigureError> {
+/// Writes sheets as SVG and PNG, numbered where there are several, and returns their names.
+pub(crate) fn write_sheets(
+    out: &Path,
+    name: &str,
+    sheets: &[String],
+) -> Result<Vec<String>, FigureError> {
     let mut written = Vec::new();
     for (index, svg) in sheets.iter().enumerate() {
         let name = if sheets.len() == 1 {

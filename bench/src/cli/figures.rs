@@ -20,6 +20,7 @@ use crate::{
         record::TOOL_VERSION,
     },
     figures::{self, Choice, Drawn, FigureError, Figures, ModelRecord},
+    matching,
     model::{Model, vet::vet},
     notes::Notes,
     rows::compare,
@@ -30,7 +31,9 @@ use crate::{
 Examples:
   bench figures --data kitti_set --model noadv.onnx --model strat.onnx --out figures
   bench figures --data eigen_set --model strat.onnx --rows results/rows.csv --worst 4 --out worst
-  bench figures --data make3d_set --model strat.onnx --out figures")]
+  bench figures --data make3d_set --model strat.onnx --out figures
+  bench figures --data kitti_set --matching --out matching
+      figure 3.2, and how often the cheapest match is the true one; no model takes part")]
 pub(super) struct FiguresArgs {
     /// Folder that `prep` has written
     #[arg(long, value_name = "DIR")]
@@ -59,6 +62,14 @@ pub(super) struct FiguresArgs {
     /// With --rows: the N best images
     #[arg(long, value_name = "N", default_value_t = 0, requires = "rows")]
     best: usize,
+    /// Draw what it costs to match pixels of the first image along their lines (figure 3.2), and measure
+    /// over all test images how often the cheapest match is the true one, by texture
+    #[arg(long)]
+    matching: bool,
+    /// With --matching: a pixel of the first image, native where the set has native pairs [default:
+    /// four of every texture]; may be given several times
+    #[arg(long = "pixel", value_name = "X,Y", value_parser = pixel, requires = "matching")]
+    pixels: Vec<(usize, usize)>,
     /// Protocol that errors are drawn under [default: that of the rows, or of the set's first table]
     #[arg(long, value_name = "NAME|FILE.yaml")]
     protocol: Option<String>,
@@ -75,7 +86,12 @@ const MARK: Mark = Mark {
     command: "bench figures",
     record: "figures.yaml",
     begins: "tool: bench figures\n",
-    writes: |name| name == "figures.yaml" || name.ends_with(".svg") || name.ends_with(".png"),
+    writes: |name| {
+        name == "figures.yaml"
+            || name == matching::TABLE
+            || name.ends_with(".svg")
+            || name.ends_with(".png")
+    },
 };
 
 /// What was drawn; written beside the figures.
@@ -106,21 +122,32 @@ impl From<FigureError> for CliError {
     fn from(error: FigureError) -> Self {
         match error {
             FigureError::Store(error) => error.into(),
-            FigureError::Plan(_) | FigureError::NotRanked { .. } | FigureError::OtherRules(_) => {
-                Self::usage(error)
-            }
+            FigureError::Plan(_)
+            | FigureError::NotRanked { .. }
+            | FigureError::OtherRules(_)
+            | FigureError::NoMatching { .. }
+            | FigureError::NoTruthAt { .. } => Self::usage(error),
             error => Self::failed(error),
         }
     }
+}
+
+/// A column and a row.
+fn pixel(text: &str) -> Result<(usize, usize), String> {
+    let numbers = text
+        .split_once(',')
+        .and_then(|(x, y)| Some((x.trim().parse().ok()?, y.trim().parse().ok()?)));
+    numbers.ok_or_else(|| "a column and a row are needed, such as 600,180".to_owned())
 }
 
 pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
     let models = named_files("model", &args.models, &[])?;
     let taken: Vec<&str> = models.iter().map(|given| given.name.as_str()).collect();
     let saved = named_files("predictions", &args.predictions, &taken)?;
-    if models.is_empty() && saved.is_empty() {
+    let predicts = !models.is_empty() || !saved.is_empty();
+    if !predicts && !args.matching {
         return Err(CliError::Usage(
-            "nothing to draw: give `--model` or `--predictions`".to_owned(),
+            "nothing to draw: give `--model`, `--predictions` or `--matching`".to_owned(),
         )
         .into());
     }
@@ -202,7 +229,7 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
             Err(error) => notes.fail(format!("{}: {}", given.name, error_chain(&error))),
         }
     }
-    if drawn.is_empty() {
+    if drawn.is_empty() && predicts {
         return Ok(FAILED);
     }
     for one in &drawn {
@@ -210,13 +237,27 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
             notes.fail(format!("{}, image {image}: {why}", one.record.name));
         }
     }
-    if !drawn.iter().any(Drawn::gives_right_views) {
+    if predicts && !drawn.iter().any(Drawn::gives_right_views) {
         notes.note(
             "no model gives the disparity of the right view for a set with right views, so there is no \
              sheet of synthesised views",
         );
     }
-    let written = figures.write(&args.out, &drawn)?;
+    let mut written = Vec::new();
+    if predicts {
+        written = figures.write(&args.out, &drawn)?;
+    }
+    if args.matching {
+        let pixels = &args.pixels;
+        let first = &chosen[0];
+        let found = matching::write(&args.out, &set, &samples, first, pixels, &pool, notes.quiet);
+        let found = found.map_err(CliError::from)?;
+        for problem in &found.survey.problems {
+            notes.fail(problem.clone());
+        }
+        print(matching::draw::words(&found.survey))?;
+        written.extend(found.written);
+    }
     let record = Record {
         tool: "bench figures",
         tool_version: TOOL_VERSION,

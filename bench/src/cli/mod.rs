@@ -21,6 +21,7 @@ mod render;
 mod report;
 mod setup;
 mod sprites;
+mod study;
 mod verify;
 
 use std::ffi::OsString;
@@ -43,6 +44,8 @@ Examples:
       all tables the set offers, a constant baseline, and pictures
   bench report results
       one HTML page about all runs below a folder: tables, intervals, curves, best and worst images
+  bench study studies/kitti --out results/study
+      which variant is better, from the finished runs of `train study`
   bench protocols
       the evaluation rules by name
   bench devices
@@ -128,6 +131,8 @@ enum Command {
     VerifyLeaderboard(verify::VerifyArgs),
     /// Write the thesis' tables from rows alone
     Render(render::RenderArgs),
+    /// Say which variant of a study is better, over seeds and drives (see `train study`)
+    Study(study::StudyArgs),
     /// Write one HTML page about everything below a folder of results
     Report(report::ReportArgs),
     /// Run one model for the process that starts this
@@ -196,6 +201,7 @@ fn run(asked: Asked, arguments: Vec<String>) -> anyhow::Result<u8> {
         Command::Publish(args) => publish::run(&args),
         Command::VerifyLeaderboard(args) => verify::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Study(args) => study::run(&args, arguments),
         Command::Report(args) => report::run(&args),
         Command::ModelProcess(args) => model_process::run(&args),
     }

@@ -59,6 +59,7 @@ fn guide(label: impl Into<String>, points: Vec<(f64, f64)>) -> Curve {
         points,
         band: Vec::new(),
         guide: true,
+        marks: Vec::new(),
     }
 }
 

@@ -17,6 +17,8 @@ pub struct Curve {
     pub band: Vec<(f64, f64)>,
     /// Something to compare with rather than a measurement.
     pub guide: bool,
+    /// Indices of points that are marked with a circle.
+    pub marks: Vec<usize>,
 }
 
 /// One diagram.
@@ -214,6 +216,9 @@ impl Curve {
         html! {
             @if has_band { path d=(outline()) fill=(style.0) fill-opacity="0.16" {} }
             (line(&path(&self.points, &px, &py), style, width))
+            @for (x, y) in self.marks.iter().filter_map(|index| self.points.get(*index)) {
+                circle cx=(Px(px(*x))) cy=(Px(py(*y))) r="4.5" fill=(style.0) {}
+            }
         }
     }
 }

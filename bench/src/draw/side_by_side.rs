@@ -27,7 +27,7 @@ const TILE_WIDTH: u32 = 460;
 /// JPEG quality of photographs within a sheet.
 const PICTURE_QUALITY: u8 = 88;
 /// Absolute difference of grey levels at the bright end.
-const WORST_DIFFERENCE: f32 = 64.0;
+pub(super) const WORST_DIFFERENCE: f32 = 64.0;
 /// Rows of the strip below an error map, of which the first two are black.
 const STRIP: u32 = 8;
 /// What was not scored, and what is missing: lighter than the grey in the middle of cividis.
@@ -48,7 +48,11 @@ pub struct Frame<'a> {
 
 /// A right view that a model has made, at network size.
 pub struct Synthesis {
-    /// The view.
+    /// The left view it was made of.
+    pub left: RgbImage,
+    /// The right view's disparity, a fraction of the width.
+    pub disparity: Plane,
+    /// The view at the widest baseline.
     pub right: RgbImage,
     /// The real one.
     pub real: RgbImage,
@@ -64,13 +68,14 @@ pub struct SynthesisFrame<'a> {
     pub models: Vec<(&'a str, Shown<&'a Synthesis>)>,
 }
 
-/// The right view of `left` under the right view's disparity, a fraction of the width: each pixel
-/// is taken from `x + w d(x)`, between two columns linearly; what comes from outside is black.
+/// The right view of `left` at a fraction `b` of the baseline, under the right view's disparity, a
+/// fraction of the width: each pixel is taken from `x + b w d(x)`, between two columns linearly; what
+/// comes from outside is black (PROTOCOL 4.3).
 ///
 /// # Panics
 /// If image and disparity differ in size.
 #[must_use]
-pub fn synthesize_right(left: &RgbImage, disparity_fraction: &Plane) -> RgbImage {
+pub fn synthesize_right(left: &RgbImage, disparity_fraction: &Plane, b: f32) -> RgbImage {
     let (width, height) = left.dimensions();
     assert_eq!(
         (width as usize, height as usize),
@@ -84,7 +89,7 @@ pub fn synthesize_right(left: &RgbImage, disparity_fraction: &Plane) -> RgbImage
         f32::from(left.get_pixel(column as u32, row).0[channel])
     };
     RgbImage::from_fn(width, height, |x, y| {
-        let offset = disparity_fraction.row(y as usize)[x as usize] * width as f32;
+        let offset = b * disparity_fraction.row(y as usize)[x as usize] * width as f32;
         let from = (x as f32 + offset).clamp(-1.0, width as f32);
         let (low, share) = (from.floor(), from - from.floor());
         Rgb([0, 1, 2].map(|channel| {
@@ -188,7 +193,7 @@ fn rows_of(frame: &Frame<'_>) -> [Vec<Tile>; 2] {
     [above, below]
 }
 
-fn photograph(picture: &RgbImage, size: (u32, u32), caption: String) -> Tile {
+pub(super) fn photograph(picture: &RgbImage, size: (u32, u32), caption: String) -> Tile {
     Tile::photograph(picture, size, PICTURE_QUALITY, caption)
 }
 
@@ -284,7 +289,7 @@ fn synthesis_rows(frame: &SynthesisFrame<'_>) -> [Vec<Tile>; 2] {
     for (name, shown) in &frame.models {
         match shown {
             Ok(synthesis) => {
-                let difference = difference(synthesis);
+                let difference = difference(&synthesis.right, &synthesis.real);
                 let mean = difference.data.iter().sum::<f32>() / difference.data.len() as f32;
                 let (width, height) = (size.0 as usize, size.1 as usize);
                 let small = resize::area_f32(&difference, width, height);
@@ -310,12 +315,12 @@ fn synthesis_rows(frame: &SynthesisFrame<'_>) -> [Vec<Tile>; 2] {
     [above, below]
 }
 
-/// Mean absolute difference over the colours, in grey levels.
-fn difference(synthesis: &Synthesis) -> Plane {
-    let pixels = synthesis.right.pixels().zip(synthesis.real.pixels());
+/// Mean absolute difference over the colours of two pictures of one size, in grey levels.
+pub(super) fn difference(a: &RgbImage, b: &RgbImage) -> Plane {
+    let pixels = a.pixels().zip(b.pixels());
     Plane {
-        width: synthesis.right.width() as usize,
-        height: synthesis.right.height() as usize,
+        width: a.width() as usize,
+        height: a.height() as usize,
         data: pixels
             .map(|(a, b)| {
                 let channels = a.0.iter().zip(&b.0);
@@ -343,8 +348,8 @@ mod tests {
     fn views_are_shifted_by_their_disparity() {
         let left = stripes(16, 4);
         let constant = |px: f32| Plane::filled(16, 4, px / 16.0);
-        assert_eq!(synthesize_right(&left, &constant(0.0)), left);
-        let three = synthesize_right(&left, &constant(3.0));
+        assert_eq!(synthesize_right(&left, &constant(0.0), 1.0), left);
+        let three = synthesize_right(&left, &constant(3.0), 1.0);
         for (x, y, pixel) in three.enumerate_pixels() {
             let expected = if x + 3 < 16 {
                 *left.get_pixel(x + 3, y)
@@ -353,8 +358,9 @@ mod tests {
             };
             assert_eq!(*pixel, expected, "{x} {y}");
         }
+        assert_eq!(synthesize_right(&left, &constant(6.0), 0.5), three);
         // Halfway between two columns; the last one fades to black over a pixel.
-        let half = synthesize_right(&left, &constant(0.5));
+        let half = synthesize_right(&left, &constant(0.5), 1.0);
         assert_eq!(
             half.get_pixel(2, 1).0[0],
             18,
@@ -362,7 +368,7 @@ mod tests {
         );
         assert_eq!(half.get_pixel(15, 1).0[0], 53, "105 / 2");
         // Far outside is outside.
-        let far = synthesize_right(&left, &constant(100.0));
+        let far = synthesize_right(&left, &constant(100.0), 1.0);
         assert!(far.pixels().all(|pixel| pixel.0 == [0; 3]));
     }
 

@@ -80,7 +80,9 @@ pub fn text(outcome: &Outcome, wanted: &[ThesisTable]) -> Result<String, WriteEr
     Ok(joined(&entries, &tables, wanted))
 }
 
-fn coverage(outcome: &Outcome) -> Coverage {
+/// What the rows of a run are part of.
+#[must_use]
+pub fn coverage(outcome: &Outcome) -> Coverage {
     let data = &outcome.record.data;
     Coverage {
         expected_images: data.test_images_expected,

@@ -17,6 +17,7 @@ use crate::{
     latency::{self, LatencyRow},
     rows::compare,
     rows::leaderboard,
+    study::measure::MEASURED,
 };
 
 /// Folders below the one that is asked for, at most.
@@ -145,7 +146,7 @@ fn visit(folder: &Path, depth: usize, collected: &mut Collected) {
         .filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()))
         .filter(|entry| {
             let name = entry.file_name();
-            ![PARTS, comparison::FOLDER]
+            ![PARTS, comparison::FOLDER, MEASURED]
                 .iter()
                 .any(|known| name == *known)
         })

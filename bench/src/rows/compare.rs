@@ -63,6 +63,24 @@ pub fn read_all(paths: &[PathBuf]) -> Result<Vec<Row>, CompareError> {
     Ok(rows::merge(parts)?)
 }
 
+/// Reads several rows files as one, one after the other as they are; a row that two have counts once.
+///
+/// # Errors
+/// As for [`read_all`].
+pub fn read_all_in_order(paths: &[PathBuf]) -> Result<Vec<Row>, CompareError> {
+    let parts: Vec<Vec<Row>> = paths
+        .iter()
+        .map(|path| read_rows(path))
+        .collect::<Result<_, _>>()?;
+    let merged = rows::merge(parts.clone())?.len();
+    let mut all = parts.concat();
+    if merged < all.len() {
+        let mut seen = std::collections::HashSet::new();
+        all.retain(|row| seen.insert(row.cells()));
+    }
+    Ok(all)
+}
+
 /// Names of the protocols among rows, in the order of their first row.
 #[must_use]
 pub fn protocols_of(rows: &[Row]) -> Vec<String> {
@@ -263,7 +281,7 @@ fn block_text(tests: &[PairedTest]) -> String {
     text + &limits(tests)
 }
 
-fn p_text(value: Option<f64>) -> String {
+pub(super) fn p_text(value: Option<f64>) -> String {
     match value {
         None => "-".to_owned(),
         Some(value) if value < 1e-4 => "<0.0001".to_owned(),

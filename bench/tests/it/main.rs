@@ -19,5 +19,6 @@ mod report;
 mod rows;
 mod runs;
 mod runtimes;
+mod study;
 mod world;
 mod wrong_numbers;

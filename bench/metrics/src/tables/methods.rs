@@ -27,17 +27,8 @@ impl Table {
         ]
         .map(|(key, heading)| plain(key, heading, false))
         .into();
-        self.columns.extend(Metric::ALL.map(|metric| Column {
-            key: metric.name().to_owned(),
-            heading: heading(metric, parts.first().map_or("", |part| &part.protocol)).to_owned(),
-            latex: match metric {
-                Metric::A1 => Some(r"$\delta<1.25$"),
-                Metric::A2 => Some(r"$\delta<1.25^2$"),
-                Metric::A3 => Some(r"$\delta<1.25^3$"),
-                _ => None,
-            },
-            numeric: true,
-        }));
+        let protocol = parts.first().map_or("", |part| &part.protocol);
+        self.columns.extend(metric_columns(protocol));
         if shown.d1_all {
             self.columns.push(plain("d1_all", "D1-all", true));
         }
@@ -141,6 +132,21 @@ impl Table {
     }
 }
 
+/// Columns of the seven metrics under a protocol.
+pub(super) fn metric_columns(protocol: &str) -> [Column; 7] {
+    Metric::ALL.map(|metric| Column {
+        key: metric.name().to_owned(),
+        heading: heading(metric, protocol).to_owned(),
+        latex: match metric {
+            Metric::A1 => Some(r"$\delta<1.25$"),
+            Metric::A2 => Some(r"$\delta<1.25^2$"),
+            Metric::A3 => Some(r"$\delta<1.25^3$"),
+            _ => None,
+        },
+        numeric: true,
+    })
+}
+
 /// One line for several seeds: mean and standard deviation of the seeds' figures.
 fn seeds_line(part: &Part<'_>, seeds: &[&Measured<'_>], coverage: &Coverage, shown: Shown) -> Line {
     let name = seeds.first().and_then(|model| model.seed());
@@ -224,7 +230,7 @@ struct Shown {
     further: bool,
 }
 
-fn range_of(name: &str) -> String {
+pub(super) fn range_of(name: &str) -> String {
     match protocol(name) {
         Some(protocol) => format!("Up to {} m ({name})", protocol.max_depth_m),
         None => name.to_owned(),

@@ -12,12 +12,13 @@
 //!
 //! Models called `NAME@SEED` are seeds of one method: from two of them on, tables 3.1 and 3.3
 //! give them one line with mean and sample standard deviation over the seeds' figures. Table 3.2
-//! keeps a column for each. The notes have the interval of each seed.
-
+//! keeps a column for each. The notes have the interval of each seed. [`ablation`] has the variants
+//! of a study alone.
 //!
-//! `table` holds the cells, `methods` and `groups` fill them, `notes` writes the sentences around
+//! `table` holds the cells, `methods`, `groups` and `ablation` fill them, `notes` writes the sentences around
 //! them, `render` the four formats. Not here: which tables a prepared set can fill, and files.
 
+mod ablation;
 mod coverage;
 mod error;
 mod groups;
@@ -29,6 +30,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
+pub use self::ablation::ablation;
 pub use self::coverage::{Coverage, Source};
 pub use self::error::TableError;
 pub use self::table::{Cell, Column, Line, Section, Table};
@@ -75,6 +77,7 @@ pub fn build_with(
 
     let mut built = Table {
         id: table,
+        ablation: false,
         first_line: first_line(table, &parts, coverage),
         remarks: remarks(table, &parts, coverage),
         columns: Vec::new(),

@@ -111,7 +111,7 @@ impl Table {
         lines.push(format!("\\caption{{{caption}.}}"));
         lines.push(format!(
             "\\label{{tab:strat-{}}}",
-            self.id.to_string().replace('.', "-")
+            self.key().replace(['.', ' '], "-")
         ));
         let layout: String = self
             .columns
@@ -162,7 +162,19 @@ impl Table {
         lines.join("\n") + "\n"
     }
 
+    /// Name of the table in CSV files and labels.
+    fn key(&self) -> String {
+        let ablation = if self.ablation { " ablation" } else { "" };
+        format!("{}{ablation}", self.id)
+    }
+
     fn best_note(&self, mark: &str) -> String {
+        if self.ablation {
+            return format!(
+                "{mark}: best mean of its column, to three decimals. Which variants differ is said by the \
+                 tests of their differences, not by this mark."
+            );
+        }
         let printed = match self.id {
             ThesisTable::Eigen652 => "printed in the works cited below",
             _ => "those printed in the thesis",
@@ -191,10 +203,7 @@ impl Table {
         csv.write_record(header)?;
         for section in &self.sections {
             for line in &section.lines {
-                let mut record = vec![
-                    self.id.to_string(),
-                    section.heading.clone().unwrap_or_default(),
-                ];
+                let mut record = vec![self.key(), section.heading.clone().unwrap_or_default()];
                 record.extend(line.cells.iter().map(|cell| match cell.value {
                     Some(value) => value.to_string(),
                     None if cell.text == "-" => String::new(),

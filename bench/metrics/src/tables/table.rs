@@ -8,6 +8,8 @@ use crate::thesis::ThesisTable;
 #[derive(Clone, Debug)]
 pub struct Table {
     pub(super) id: ThesisTable,
+    /// It compares measured variants with each other; nothing published stands beside them.
+    pub(super) ablation: bool,
     pub(super) first_line: String,
     pub(super) remarks: Vec<String>,
     pub(super) columns: Vec<Column>,
