@@ -57,9 +57,8 @@ fn guide(label: impl Into<String>, points: Vec<(f64, f64)>) -> Curve {
     Curve {
         label: label.into(),
         points,
-        band: Vec::new(),
         guide: true,
-        marks: Vec::new(),
+        ..Curve::default()
     }
 }
 

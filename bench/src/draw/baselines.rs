@@ -26,7 +26,7 @@ pub fn sheet(image: &str, model: &str, synthesis: &Synthesis) -> String {
     let size = tile_size(left.width(), left.height(), TILE_WIDTH);
     let widest = synthesize_right(left, disparity, 1.0);
     let mut rows = vec![vec![
-        photograph(left, size, format!("{image}: left")),
+        photograph(left, size, "left view".to_owned()),
         photograph(&synthesis.real, size, "real right view".to_owned()),
     ]];
     let tenths: Vec<u8> = TENTHS.collect();
@@ -42,18 +42,15 @@ pub fn sheet(image: &str, model: &str, synthesis: &Synthesis) -> String {
                 magma(small.row(y as usize)[x as usize] / WORST_DIFFERENCE)
             });
             views.push(photograph(&view, size, format!("b = {b:.1}")));
-            differences.push(Tile::drawn(
-                &picture,
-                format!("b = {b:.1} and 1: {mean:.1} grey levels apart"),
-            ));
+            differences.push(Tile::drawn(&picture, format!("from b = 1: mean {mean:.1}")));
         }
         rows.extend([views, differences]);
     }
     Sheet {
-        title: format!("Figure 3.4  Right views at growing baselines: {model}"),
+        title: format!("Figure 3.4  Right views at growing baselines: {model}, {image}"),
         note: format!(
-            "Synthesised from the left view at network size. Difference to the widest: mean over the \
-             colours, black 0, bright {WORST_DIFFERENCE} grey levels and more."
+            "Synthesised from the left view at network size. Below: difference to the widest in grey levels, \
+             mean over the colours; black 0, bright {WORST_DIFFERENCE} and more."
         ),
         rows,
     }
@@ -85,7 +82,7 @@ mod tests {
             "{svg}"
         );
         assert_eq!(svg.matches("<image").count(), 22);
-        assert!(svg.contains("b = 1.0 and 1: 0.0 grey levels apart"));
+        assert!(svg.contains("from b = 1: mean 0.0"));
         // 18 of 20 columns differ by 255; of the last two, outside of the image, one does.
         assert!(
             svg.contains("b = 0.5 and 1: 242.2 grey levels apart"),

@@ -19,6 +19,8 @@ pub struct Curve {
     pub guide: bool,
     /// Indices of points that are marked with a circle.
     pub marks: Vec<usize>,
+    /// Number of its colour, for what has the same one in every panel; otherwise curves are counted.
+    pub style: Option<usize>,
 }
 
 /// One diagram.
@@ -184,7 +186,7 @@ impl Panel {
             } else {
                 (&mut measured, &STYLES, 1.9)
             };
-            let style = styles[*count % styles.len()];
+            let style = styles[curve.style.unwrap_or(*count) % styles.len()];
             *count += 1;
             (curve, style, width)
         })

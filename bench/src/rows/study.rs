@@ -197,7 +197,7 @@ pub fn answer(studies: &[Study], metric: Metric) -> String {
         return text;
     };
     text + &format!(
-        "Differences are second less first, with 95 % intervals over the choice of seeds and of drives \
+        "Differences are those of the variant named first to the other, with 95 % intervals over the choice of seeds and of drives \
          (PROTOCOL 11.1). Better and worse: p below {} after Holm over all pairs in this metric. Needed: \
          what finds a difference of {effect} in four of five studies like this, one pair at a time.\n",
         study::LEVEL

@@ -245,6 +245,7 @@ impl Curves {
                     .map(|(epoch, p)| (*epoch as f64, p.mean))
                     .collect(),
                 band: points.values().map(band).collect(),
+                style: Some(index),
                 ..Curve::default()
             })
         };
@@ -385,7 +386,7 @@ mod tests {
             ),
         ];
         let scalars = "step,epoch,adversarial,accuracy_real\n0,1,1,0\n1,1,3,0\n2,2,4,0\n";
-        std::fs::write(runs[0].folder.join(SCALARS), scalars).unwrap();
+        std::fs::write(runs[2].folder.join(SCALARS), scalars).unwrap();
         let curves = Curves::read(&runs);
         assert_eq!(curves.problems, Vec::<String>::new());
         let csv = String::from_utf8(curves.csv().unwrap()).unwrap();
@@ -393,7 +394,7 @@ mod tests {
             csv.contains("b,validation,abs_rel,1,2,0.4,0.1414213562373095"),
             "{csv}"
         );
-        assert!(csv.contains("b,scalars,adversarial,1,1,2,\n"), "{csv}");
+        assert!(csv.contains("a,scalars,adversarial,1,1,2,\n"), "{csv}");
         // A line that was cut off is none, and a gap is no number.
         assert!(!csv.contains("b,validation,abs_rel,3"), "{csv}");
         assert!(!csv.contains("b,validation,rmse"), "{csv}");
@@ -401,6 +402,8 @@ mod tests {
         let names: Vec<&str> = charts.iter().map(|(name, _)| *name).collect();
         // No discriminator was right about anything, and there are no diagnostics.
         assert_eq!(names, ["learning", "training"]);
+        // A variant has one colour, also where those before it are not drawn.
+        assert!(charts[1].1.contains("#d55e00") && !charts[1].1.contains("#0072b2"));
         assert!(charts[0].1.contains("b (2 seeds)") && charts[0].1.contains("a (1 seed)"));
         std::fs::write(runs[2].folder.join(VALIDATION), "step,abs_rel\n1,2\n").unwrap();
         runs.truncate(3);
