@@ -21,6 +21,8 @@ use crate::evaluate::plan::TableChoice;
 const RUNS: &str = "runs.csv";
 /// What was asked.
 const RECORD: &str = "study.yaml";
+/// What a run was made with.
+const RUN: &str = "run.json";
 /// What a finished run has.
 const MODEL: &str = "model.onnx";
 
@@ -50,6 +52,18 @@ impl StudyRun {
     #[must_use]
     pub fn model(&self) -> PathBuf {
         self.folder.join(MODEL)
+    }
+
+    /// Where its training images came from, such as `kitti` or `rendered`, if its record says so.
+    #[must_use]
+    pub fn source(&self) -> Option<String> {
+        #[derive(Deserialize)]
+        struct Run {
+            source: String,
+        }
+        let bytes = inputs::read(&self.folder.join(RUN), Kind::Record).ok()?;
+        let run: Run = serde_json::from_slice(&bytes).ok()?;
+        Some(run.source)
     }
 
     /// Whether its model is there.

@@ -132,6 +132,7 @@ pub struct OnSet<'a> {
     set: &'a StudySet,
     data_digest: String,
     content: Content,
+    source: String,
     samples: Vec<Sample>,
     plan: Plan,
 }
@@ -157,6 +158,7 @@ impl<'a> OnSet<'a> {
             set,
             data_digest: prepared.manifest.data_digest,
             content: prepared.manifest.content,
+            source: prepared.manifest.source,
             samples,
             plan: plan.map_err(RunError::from)?,
         })
@@ -234,6 +236,14 @@ impl<'a> OnSet<'a> {
         }
         if !seen.is_empty() {
             text += &format!("; LEAKAGE: {} were or may have been", seen.join(", "));
+        }
+        // Drives are known by their names, which the rendered world has from KITTI.
+        let mut sources = self.set.runs.iter().filter_map(StudyRun::source);
+        if let Some(other) = sources.find(|source| *source != self.source) {
+            text += &format!(
+                "; drives are compared by name, but the training images were {other} and these are {}",
+                self.source
+            );
         }
         text
     }
