@@ -29,12 +29,12 @@ use crate::training::schedule::Timeline;
 use crate::training::trainer::Trainer;
 
 /// Bytes of the program itself with its threads and buffers.
-const PROGRAM: f64 = 22e6;
+const PROGRAM: f64 = 17e6;
 /// Copies of every weight at the peak of a step: itself, two moments of Adam, and most of the
 /// gradients.
 const COPIES: f64 = 3.6;
 /// Bytes for each value that the generator computes; many are overwritten by the next operation.
-const PER_VALUE: f64 = 1.85;
+const PER_VALUE: f64 = 1.4;
 /// Bytes for each value that a discriminator computes.
 const PER_DISCRIMINATED: f64 = 8.0;
 /// Bytes for each value of the two images in the losses (pyramids, samples, structural terms), and
@@ -181,6 +181,18 @@ impl Ops for Counter {
         let [_, outputs, ..] = layer.weight.val().dims();
         let stride = TransposedConvolution::STRIDE;
         self.made([outputs, stride * h, stride * w])
+    }
+
+    fn merge_elu(
+        &mut self,
+        name: &str,
+        layer: &Convolution,
+        inputs: Vec<[usize; 3]>,
+    ) -> [usize; 3] {
+        // The maps are read where they are, and not put together.
+        let channels = inputs.iter().map(|[channels, ..]| channels).sum();
+        let [_, height, width] = inputs.first().copied().unwrap_or_default();
+        self.conv_elu(name, layer, [channels, height, width])
     }
 
     fn elu(&mut self, input: [usize; 3]) -> [usize; 3] {
