@@ -128,6 +128,10 @@ pub enum Error {
         reason: String,
     },
 
+    /// A study that cannot be understood, or a folder of another one.
+    #[error("{0}")]
+    Study(String),
+
     /// A device that this build does not know, or that is not there.
     #[error("{0}")]
     Device(String),
@@ -166,6 +170,7 @@ impl Error {
         match self {
             Self::Store(error) => exit_code(error) == USAGE,
             Self::Config(_)
+            | Self::Study(_)
             | Self::EmptySet { .. }
             | Self::WrongSplit { .. }
             | Self::RunExists(_)

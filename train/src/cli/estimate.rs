@@ -105,32 +105,9 @@ pub(super) fn measure_apart(
     device: DeviceChoice,
     batch: u32,
 ) -> Result<Measured, CliError> {
-    let mut command =
-        std::process::Command::new(std::env::current_exe().map_err(CliError::failed)?);
-    command
-        .arg("measure")
-        .args(["--device", &device.to_string()])
-        .args(["--config", source]);
-    if let Some(preset) = setup.preset {
-        command.args(["--preset", preset.name()]);
-    }
     let settings = setup.set.iter().cloned();
-    for setting in settings.chain([format!("batch={batch}")]) {
-        command.args(["--set", &setting]);
-    }
-    let output = command.stderr(std::process::Stdio::inherit()).output();
-    let output = output.map_err(CliError::failed)?;
-    if !output.status.success() {
-        return Err(CliError::Failed(format!(
-            "the measurement of batch {batch} ended with {}; it may have run out of memory",
-            output.status
-        )));
-    }
-    serde_json::from_slice(&output.stdout).map_err(|error| {
-        CliError::Failed(format!(
-            "the measurement of batch {batch} cannot be read: {error}"
-        ))
-    })
+    let settings: Vec<String> = settings.chain([format!("batch={batch}")]).collect();
+    Ok(memory::measure_apart(source, setup.preset, &settings, device)?)
 }
 
 /// One measurement, in this process.

@@ -6,6 +6,7 @@ mod check;
 mod estimate;
 mod export;
 mod setup;
+mod study;
 mod train;
 
 use std::ffi::OsString;
@@ -16,6 +17,7 @@ use strat_store::command::{CliError, DONE, USAGE, fail, print_line, utf8_argumen
 use self::check::CheckArgs;
 use self::estimate::EstimateArgs;
 use self::export::ExportArgs;
+use self::study::StudyArgs;
 use self::train::TrainArgs;
 use crate::config::BUILT_IN;
 use crate::device;
@@ -30,6 +32,7 @@ const EXAMPLES: &str = "Examples:
   train export runs/strat --out start.safetensors       weights for --set initial_weights=FILE
   train estimate --config kitti-strat                   memory and time by batch size
   train check --device wgpu                             does it compute what the cpu computes?
+  train study study-kitti --data prepared/kitti --out studies/kitti
   train devices
 
 Exit codes: 0 done, 1 failed or interrupted, 2 wrong usage.";
@@ -46,6 +49,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Does many runs, variants x seeds, as one piece of work that can be stopped and goes on.
+    Study(StudyArgs),
     /// Writes the ONNX model, or the weights, of a run from its newest checkpoint.
     Export(ExportArgs),
     /// Measures memory and time of a step by batch size, on noise.
@@ -83,6 +88,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
     let done = |result: Result<(), CliError>| result.map(|()| DONE);
     let ended = match cli.command {
         None => train::train(&cli.train),
+        Some(Command::Study(args)) => study::study(&args),
         Some(Command::Export(args)) => done(export::export(&args)),
         Some(Command::Estimate(args)) => done(estimate::estimate(&args)),
         Some(Command::Check(args)) => check::check(&args),

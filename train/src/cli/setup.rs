@@ -48,18 +48,25 @@ impl Setup {
 
     /// The device of the networks, and those that share its work.
     pub fn devices(&self) -> Result<(DeviceChoice, Vec<DeviceChoice>), CliError> {
-        for (index, device) in self.device.iter().enumerate() {
-            if self.device[..index].contains(device) {
-                return Err(CliError::Usage(format!(
-                    "the device {device} is named twice; several devices must be different ones"
-                )));
-            }
+        devices_of(&self.device)
+    }
+}
+
+/// The device of the networks, and those that share its work.
+pub(super) fn devices_of(
+    named: &[DeviceChoice],
+) -> Result<(DeviceChoice, Vec<DeviceChoice>), CliError> {
+    for (index, device) in named.iter().enumerate() {
+        if named[..index].contains(device) {
+            return Err(CliError::Usage(format!(
+                "the device {device} is named twice; several devices must be different ones"
+            )));
         }
-        match self.device.split_first() {
-            Some((first, others)) => Ok((*first, others.to_vec())),
-            None => Err(CliError::Usage(
-                "which device? Give --device cpu".to_owned(),
-            )),
-        }
+    }
+    match named.split_first() {
+        Some((first, others)) => Ok((*first, others.to_vec())),
+        None => Err(CliError::Usage(
+            "which device? Give --device cpu".to_owned(),
+        )),
     }
 }

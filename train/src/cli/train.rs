@@ -1,6 +1,7 @@
 //! `train` itself: a run, new or resumed.
 
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 
 use clap::Args;
 use strat_store::command::{CliError, DONE, FAILED, eprint_line, print, print_line};
@@ -44,6 +45,9 @@ pub(super) struct TrainArgs {
     /// Show the resolved configuration and stop.
     #[arg(long)]
     print_config: bool,
+    /// End as at a signal when standard input closes: the runs of a study end with it, however it ends.
+    #[arg(long, hide = true)]
+    end_with_stdin: bool,
 }
 
 /// The configuration that the arguments ask for.
@@ -101,6 +105,14 @@ pub(super) fn train(args: &TrainArgs) -> Result<u8, CliError> {
         "where to? Give --out with a folder for the run, e.g. --out runs/first",
     )?;
     let watch = Watch::new("stopping after this step");
+    if args.end_with_stdin {
+        let stop = watch.flag();
+        std::thread::spawn(move || {
+            // Nothing is ever written to it. What cannot be read has ended as well.
+            let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+            stop.store(true, Ordering::SeqCst);
+        });
+    }
     let options = Options {
         config,
         data,

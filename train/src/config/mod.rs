@@ -15,9 +15,10 @@ mod settings;
 
 pub use choices::{Decay, Objective, Sharing, Variant};
 pub use presets::{BUILT_IN, Preset};
+pub(crate) use resolve::nearest;
 pub use settings::{
-    CheckpointSettings, Config, DiscriminatorSettings, Input, PictureSettings, ValidationSettings,
-    WeightSettings,
+    CheckpointSettings, Config, DiagnosticSettings, DiscriminatorSettings, Input, PictureSettings,
+    ValidationSettings, WeightSettings,
 };
 
 #[cfg(test)]

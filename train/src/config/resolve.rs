@@ -89,6 +89,7 @@ impl Config {
         self.weights = WeightSettings::from(self.loss_weights());
         self.discriminator_learning_rate
             .get_or_insert(self.learning_rate);
+        self.diagnostics.get_or_insert_default();
         let shorter = self.input.width.min(self.input.height) as usize;
         self.discriminator.patch = self.discriminator.patch.min(shorter);
     }
@@ -108,8 +109,23 @@ fn unknown_key(key: &str, part: &str, known: &[String]) -> String {
     if known.is_empty() {
         return format!("unknown setting `{key}`: nothing is below `{part}`");
     }
+    let hint = nearest(part, known.iter().map(String::as_str));
     format!(
-        "unknown setting `{key}`: there is no `{part}`; known here: {}",
+        "unknown setting `{key}`: there is no `{part}`{hint}; known here: {}",
         known.join(", ")
     )
+}
+
+/// ` (did you mean `X`?)` with the known word that is nearest to what was written; empty where none is near.
+pub(crate) fn nearest<'a>(written: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+    let rated = known
+        .into_iter()
+        .map(|word| (strsim::damerau_levenshtein(written, word), word));
+    let best = rated.min_by_key(|(distance, _)| *distance);
+    match best {
+        Some((distance, word)) if 3 * distance <= written.len().max(3) => {
+            format!(" (did you mean `{word}`?)")
+        }
+        _ => String::new(),
+    }
 }

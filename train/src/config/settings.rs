@@ -156,6 +156,20 @@ impl Default for PictureSettings {
     }
 }
 
+/// What is measured to see why a run learns what it learns; without effect on its weights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DiagnosticSettings {
+    /// Epochs between measurements of the gradients of each term; 0 = never.
+    pub every: u64,
+}
+
+impl Default for DiagnosticSettings {
+    fn default() -> Self {
+        Self { every: 1 }
+    }
+}
+
 /// Everything that decides a training run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -207,6 +221,10 @@ pub struct Config {
     pub checkpoint: CheckpointSettings,
     /// Pictures.
     pub pictures: PictureSettings,
+    /// Diagnostics; absent only in the text that the digest is taken of, so that runs from before
+    /// this group keep theirs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diagnostics: Option<DiagnosticSettings>,
 }
 
 impl Default for Config {
@@ -235,11 +253,18 @@ impl Default for Config {
             validation: ValidationSettings::default(),
             checkpoint: CheckpointSettings::default(),
             pictures: PictureSettings::default(),
+            diagnostics: Some(DiagnosticSettings::default()),
         }
     }
 }
 
 impl Config {
+    /// When diagnostics are taken.
+    #[must_use]
+    pub fn diagnostics(&self) -> DiagnosticSettings {
+        self.diagnostics.unwrap_or_default()
+    }
+
     /// The weights of the loss terms.
     #[must_use]
     pub fn loss_weights(&self) -> Weights {
@@ -272,6 +297,19 @@ impl Config {
         Ok(strat_store::yaml::to_string(self)?)
     }
 
+    /// A sentence for each line of the settings that is another in `now`.
+    ///
+    /// # Errors
+    /// As [`Self::to_yaml`].
+    pub fn differences(&self, now: &Self) -> Result<Vec<String>> {
+        let (before, now) = (self.to_yaml()?, now.to_yaml()?);
+        let lines = before.lines().zip(now.lines());
+        let changed = lines.filter(|(before, now)| before != now);
+        let sentence =
+            |(before, now): (&str, &str)| format!("`{}` is now `{}`", before.trim(), now.trim());
+        Ok(changed.map(sentence).collect())
+    }
+
     /// Digest of the settings that decide the weights: a run is resumed only with the same.
     ///
     /// # Errors
@@ -285,6 +323,7 @@ impl Config {
             validation: defaults.validation,
             checkpoint: defaults.checkpoint,
             pictures: defaults.pictures,
+            diagnostics: None,
             ..self.clone()
         };
         Ok(strat_store::files::blake3_hex(

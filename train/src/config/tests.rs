@@ -110,6 +110,20 @@ fn every_line_of_a_built_in_file_is_preceded_by_or_ends_in_a_comment() {
 }
 
 #[test]
+fn digests_are_those_of_runs_made_so_far() {
+    // Digests in run.json of runs made before there were diagnostics.
+    for (name, digest) in [
+        ("kitti-strat", "KITTI"),
+        ("eigen-noadv", "EIGEN"),
+        ("demo", "DEMO"),
+    ] {
+        assert_eq!(resolved(name).digest().unwrap(), digest, "{name}");
+        let never = Config::resolve(name, None, &["diagnostics.every=0".to_owned()]).unwrap();
+        assert_eq!(never.digest().unwrap(), digest, "{name}");
+    }
+}
+
+#[test]
 fn settings_change_one_value_and_refuse_unknown_keys() {
     let settings = [
         "epochs=3".to_owned(),

@@ -82,6 +82,19 @@ impl Weights {
         }
     }
 
+    /// These with only one of the stereo terms, and no adversarial one.
+    #[must_use]
+    pub fn only(&self, term: Term) -> Self {
+        let kept = |other: Term| if other == term { self.of(other) } else { 0.0 };
+        Self {
+            ssim: kept(Term::Ssim),
+            l1: kept(Term::L1),
+            left_right: kept(Term::LeftRight),
+            smoothness: kept(Term::Smoothness),
+            adversarial: 0.0,
+        }
+    }
+
     /// The thesis: no smoothness.
     pub const STRAT: Self = Self {
         ssim: 1.0,

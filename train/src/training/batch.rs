@@ -8,14 +8,15 @@ use burn::module::Module;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor};
 
-use super::report::StepReport;
+use super::report::{GradientNorms, StepReport};
 use crate::config::Config;
 use crate::data::loader::{Batch, to_tensor};
 use crate::loss::{
-    Weights, discriminator_adversarial, generator_adversarial, scalar, stereo_losses, synthesize,
+    Term, Weights, discriminator_adversarial, generator_adversarial, scalar, stereo_losses,
+    synthesize,
 };
 use crate::network::discriminator::{ColourFactors, Discriminator, Patches};
-use crate::network::generator::Generator;
+use crate::network::generator::{Generator, SCALES};
 use crate::random::{Draws, Purpose};
 
 /// What all batches of a step have in common.
@@ -28,6 +29,8 @@ pub(super) struct StepContext<'a> {
     pub discriminator_rate: f64,
     /// Part of one batch in the averages of the step.
     pub share: f64,
+    /// Whether the first batch measures the gradients of the terms.
+    pub diagnose: bool,
 }
 
 /// What one batch contributes to a step, weighted by its share.
@@ -64,7 +67,7 @@ impl Replica<'_> {
             of_discriminators.push(gradients.to_device(&home, discriminator));
             pass.add_adversarial_term(fakes, discriminator);
         }
-        let (gradients, report) = pass.finish(&self.generator);
+        let (gradients, report) = pass.finish(&self.generator, &self.discriminators);
         BatchGradients {
             generator: gradients.to_device(&home, &self.generator),
             discriminators: of_discriminators,
@@ -80,6 +83,60 @@ pub(super) struct Fakes {
     images: Tensor<4>,
 }
 
+impl Fakes {
+    /// What each of the discriminators is shown of the views synthesised at the context's baseline:
+    /// both, where there is one, else the left and the right one.
+    fn of(
+        context: &StepContext,
+        discriminators: usize,
+        [left, right]: [&Tensor<4>; 2],
+        disparity: Tensor<4>,
+    ) -> Vec<Self> {
+        if discriminators == 0 {
+            return Vec::new();
+        }
+        let (right, left) = synthesize(left.clone(), right.clone(), disparity, context.baseline);
+        let images = match discriminators {
+            1 => vec![Tensor::cat(vec![left, right], 0)],
+            _ => vec![left, right],
+        };
+        let numbered = images.into_iter().enumerate();
+        numbered
+            .map(|(number, images)| Self { number, images })
+            .collect()
+    }
+
+    /// What a discriminator is shown in its own pass (0) or the generator's (1) over the `index`-th
+    /// batch of a step.
+    fn input(&self, context: &StepContext, index: usize, pass: u64) -> DiscriminatorInput {
+        let pass = 2 * index as u64 + pass;
+        let [samples, ..] = self.images.dims();
+        DiscriminatorInput::draw(
+            context.config,
+            context.step,
+            pass | (self.number as u64) << 32,
+            samples,
+        )
+    }
+
+    /// What the discriminator, held still, makes of its images: the mean over its logits. The term of
+    /// the generator is a sum over the views; both have as many logits, so where one network judges
+    /// them together it is twice this mean.
+    fn adversarial_term(
+        self,
+        context: &StepContext,
+        index: usize,
+        discriminator: &Discriminator,
+    ) -> Tensor<1> {
+        let input = self.input(context, index, 1);
+        let logits = discriminator.clone().no_grad().forward_seeded(
+            input.patches.cut(self.images, &input.fake_colour),
+            input.dropout,
+        );
+        generator_adversarial(logits)
+    }
+}
+
 /// A batch between the generator's forward pass and its backward pass.
 pub(super) struct BatchPass<'a> {
     context: &'a StepContext<'a>,
@@ -88,6 +145,7 @@ pub(super) struct BatchPass<'a> {
     discriminators: usize,
     total: Tensor<1>,
     report: StepReport,
+    probe: Option<Probe>,
 }
 
 impl<'a> BatchPass<'a> {
@@ -114,32 +172,27 @@ impl<'a> BatchPass<'a> {
             ..StepReport::default()
         };
         report.terms.add(&terms.values(), share);
-        let views = match discriminators {
+        let probe = (context.diagnose && index == 0).then(|| Probe {
+            left: left.clone(),
+            right: right.clone(),
+            disparities: disparities.clone().map(Tensor::inner),
+        });
+        let [disparity, ..] = disparities;
+        let fakes = Fakes::of(context, discriminators, [&left, &right], disparity);
+        let reals = match discriminators {
             0 => Vec::new(),
-            count => {
-                let [disparity, ..] = disparities;
-                let (right_fake, left_fake) =
-                    synthesize(left.clone(), right.clone(), disparity, context.baseline);
-                if count == 1 {
-                    vec![(
-                        Tensor::cat(vec![left, right], 0),
-                        Tensor::cat(vec![left_fake, right_fake], 0),
-                    )]
-                } else {
-                    vec![(left, left_fake), (right, right_fake)]
-                }
-            }
+            1 => vec![Tensor::cat(vec![left, right], 0)],
+            _ => vec![left, right],
         };
-        let shown = views.into_iter().enumerate();
-        let shown = shown.map(|(number, (reals, images))| (reals, Fakes { number, images }));
         let pass = Self {
             context,
             index,
             discriminators,
             total: terms.total,
             report,
+            probe,
         };
-        (pass, shown.collect())
+        (pass, reals.into_iter().zip(fakes).collect())
     }
 
     /// Gradients of a discriminator's objective on the real and the detached synthesised images.
@@ -151,47 +204,93 @@ impl<'a> BatchPass<'a> {
     ) -> GradientsParams {
         let share = self.context.share;
         let images = fakes.images.clone().detach();
-        let input = self.input(fakes, 0);
-        let loss = input.objective(discriminator, reals, images);
-        self.report.discriminator += share / self.discriminators as f64 * scalar(&loss);
+        let input = fakes.input(self.context, self.index, 0);
+        let (loss, right) = input.objective(discriminator, reals, images);
+        let share_of_one = share / self.discriminators as f64;
+        self.report.discriminator += share_of_one * scalar(&loss);
+        for (sum, right) in self.report.accuracy.iter_mut().zip(right) {
+            *sum += share_of_one * right;
+        }
         GradientsParams::from_grads((loss * share).backward(), discriminator)
     }
 
     /// Adds to the generator's loss what the discriminator, held still, makes of its images.
     pub fn add_adversarial_term(&mut self, fakes: Fakes, discriminator: &Discriminator) {
-        let input = self.input(&fakes, 1);
-        let logits = discriminator.clone().no_grad().forward_seeded(
-            input.patches.cut(fakes.images, &input.fake_colour),
-            input.dropout,
-        );
-        // A sum over the views. Both have as many logits, so where one network judges them
-        // together it is twice the mean.
-        let term = generator_adversarial(logits) * (2.0 / self.discriminators as f64);
+        let term = fakes.adversarial_term(self.context, self.index, discriminator)
+            * (2.0 / self.discriminators as f64);
         self.report.adversarial += self.context.share * scalar(&term);
         self.total = self.total.clone() + term * self.context.weights.adversarial;
     }
 
-    /// The generator's gradients, and the numbers of the batch.
-    pub fn finish(mut self, generator: &Generator) -> (GradientsParams, StepReport) {
+    /// The generator's gradients, and the numbers of the batch. The `discriminators` are those that
+    /// judged the generator.
+    pub fn finish(
+        mut self,
+        generator: &Generator,
+        discriminators: &[Discriminator],
+    ) -> (GradientsParams, StepReport) {
         let share = self.context.share;
         self.report.total = share * scalar(&self.total);
         let gradients = (self.total * share).backward();
-        (
-            GradientsParams::from_grads(gradients, generator),
-            self.report,
-        )
+        let gradients = GradientsParams::from_grads(gradients, generator);
+        // After the backward pass, whose memory is free again.
+        let measured = self.probe.map(|p| p.norms(self.context, discriminators));
+        self.report.gradients = measured;
+        (gradients, self.report)
+    }
+}
+
+/// What the gradients of the terms are measured on: a batch and the disparities of its forward pass,
+/// cut off from the networks.
+struct Probe {
+    left: Tensor<4>,
+    right: Tensor<4>,
+    disparities: [Tensor<4>; SCALES],
+}
+
+impl Probe {
+    /// The gradient norms of every weighted term. Graphs of their own: nothing of the step changes.
+    fn norms(&self, context: &StepContext, discriminators: &[Discriminator]) -> GradientNorms {
+        let stereo = Term::ALL.map(|term| {
+            let weight = context.weights.of(term);
+            if weight == 0.0 {
+                return 0.0;
+            }
+            let alone = context.weights.only(term);
+            self.norm(|disparities| {
+                let (left, right) = (self.left.clone(), self.right.clone());
+                stereo_losses(left, right, disparities, &alone).total
+            })
+        });
+        let adversarial = if discriminators.is_empty() {
+            0.0
+        } else {
+            self.norm(|[disparity, ..]| {
+                let count = discriminators.len();
+                let views = [&self.left, &self.right];
+                let fakes = Fakes::of(context, count, views, disparity.clone());
+                let terms = fakes.into_iter().zip(discriminators);
+                let terms = terms.map(|(f, network)| f.adversarial_term(context, 0, network));
+                let sum = Tensor::cat(terms.collect(), 0).sum();
+                sum * (2.0 / count as f64 * context.weights.adversarial)
+            })
+        };
+        GradientNorms {
+            stereo,
+            adversarial,
+        }
     }
 
-    /// What a discriminator is shown in its own pass (0) or the generator's (1).
-    fn input(&self, fakes: &Fakes, pass: u64) -> DiscriminatorInput {
-        let pass = 2 * self.index as u64 + pass;
-        let [samples, ..] = fakes.images.dims();
-        DiscriminatorInput::draw(
-            self.context.config,
-            self.context.step,
-            pass | (fakes.number as u64) << 32,
-            samples,
-        )
+    /// Euclidean norm of a loss' gradient at the disparities of all levels together.
+    fn norm(&self, loss: impl FnOnce(&[Tensor<4>; SCALES]) -> Tensor<1>) -> f64 {
+        let leaves = self
+            .disparities
+            .clone()
+            .map(|disparity| Tensor::from_inner(disparity).require_grad());
+        let gradients = loss(&leaves).backward();
+        let squares = leaves.iter().filter_map(|leaf| leaf.grad(&gradients));
+        let squares = squares.map(|gradient| scalar(&(gradient.clone() * gradient).sum()));
+        squares.sum::<f64>().sqrt()
     }
 }
 
@@ -228,8 +327,14 @@ impl DiscriminatorInput {
         }
     }
 
-    /// The discriminator's objective on real and detached synthesised images.
-    fn objective(&self, network: &Discriminator, reals: Tensor<4>, fakes: Tensor<4>) -> Tensor<1> {
+    /// The discriminator's objective on real and detached synthesised images, and the fractions of
+    /// each that it is right about.
+    fn objective(
+        &self,
+        network: &Discriminator,
+        reals: Tensor<4>,
+        fakes: Tensor<4>,
+    ) -> (Tensor<1>, [f64; 2]) {
         let [samples, ..] = reals.dims();
         // One pass over both: the network treats every sample on its own.
         let shown = Tensor::cat(
@@ -240,9 +345,35 @@ impl DiscriminatorInput {
             0,
         );
         let logits = network.forward_seeded(shown, self.dropout);
-        discriminator_adversarial(
+        let right = right_about(&logits);
+        let objective = discriminator_adversarial(
             logits.clone().narrow(0, 0, samples),
             logits.narrow(0, samples, samples),
-        )
+        );
+        (objective, right)
+    }
+}
+
+/// Of logits whose first half is of real images and whose second half of synthesised ones: the
+/// fraction of each that has the right sign.
+fn right_about(logits: &Tensor<4>) -> [f64; 2] {
+    let logits: Vec<f64> = logits.clone().into_data().iter::<f64>().collect();
+    let (real, fake) = logits.split_at(logits.len() / 2);
+    let fraction = |of: &[f64], right: fn(f64) -> bool| {
+        of.iter().filter(|logit| right(**logit)).count() as f64 / of.len().max(1) as f64
+    };
+    [fraction(real, |x| x > 0.0), fraction(fake, |x| x < 0.0)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn real_patches_have_positive_logits_and_synthesised_ones_negative() {
+        let device = Device::flex();
+        let logits = [[0.1, 2.0, 3.0, -1.0], [-0.1, 1.0, -3.0, 0.0]];
+        let logits: Tensor<2> = Tensor::from_floats(logits, &device);
+        assert_eq!(right_about(&logits.reshape([4, 1, 1, 2])), [0.75, 0.5]);
     }
 }

@@ -1,11 +1,12 @@
 //! The folder of a run: what lies in it, what it was made with, and whether it may be used.
 //!
 //! It holds the resolved configuration (`config.yaml`), what it was run with (`run.json`), every loss
-//! term of every step (`scalars.csv`), validation scores (`validation.csv`), `checkpoints/`,
-//! `pictures/`, `tensorboard/` and, at the end, `model.onnx`.
+//! term of every step (`scalars.csv`), validation scores (`validation.csv`), how hard each term pulls
+//! (`diagnostics.csv`), `checkpoints/`, `pictures/`, `tensorboard/` and, at the end, `model.onnx`.
 
 use std::fs::{File, TryLockError};
-use std::path::PathBuf;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -18,13 +19,14 @@ use super::checkpoint::{Checkpoint, Checkpoints};
 use crate::config::Config;
 use crate::error::{Error, Result};
 
-const CONFIG: &str = "config.yaml";
+pub(crate) const CONFIG: &str = "config.yaml";
 const RUN: &str = "run.json";
 /// Locked while a training runs in the folder; it holds nothing.
 const LOCK: &str = ".lock";
 const CHECKPOINTS: &str = "checkpoints";
 pub(super) const SCALARS: &str = "scalars.csv";
 pub(super) const VALIDATION: &str = "validation.csv";
+pub(super) const DIAGNOSTICS: &str = "diagnostics.csv";
 pub(super) const PICTURES: &str = "pictures";
 /// Event files for TensorBoard.
 pub(super) const EVENTS: &str = "tensorboard";
@@ -75,6 +77,63 @@ pub struct RunInfo {
     pub discriminator_parameters: usize,
 }
 
+/// What lies in the folder of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Found {
+    /// No run, and nothing that would be in the way of one.
+    Nothing,
+    /// A run with the settings and the data that were asked for.
+    Run {
+        /// Steps of its newest checkpoint, if there is one.
+        step: Option<u64>,
+        /// Epochs that its model has seen, if there is one.
+        model_epoch: Option<u64>,
+    },
+}
+
+/// Looks for a run of these settings on this data. Nothing is written.
+///
+/// # Errors
+/// The folder holds another run or something else, or cannot be read.
+pub fn find(root: &Path, config: &Config, data_digest: &str) -> Result<Found> {
+    let folder = RunFolder::new(root.to_path_buf());
+    if !folder.is_run() {
+        folder.check_free()?;
+        return Ok(Found::Nothing);
+    }
+    folder.check_same(config, &config.digest()?, data_digest)?;
+    let model = strat_onnx::model::read(folder.path(MODEL)).ok();
+    let metadata = model.and_then(|model| model.info.metadata().cloned());
+    Ok(Found::Run {
+        step: folder.checkpoints.steps()?.last().copied(),
+        model_epoch: metadata.and_then(|m| m.epoch).map(u64::from),
+    })
+}
+
+/// Whether a process is training in the folder.
+#[must_use]
+pub fn in_use(root: &Path) -> bool {
+    let lock = File::open(root.join(LOCK));
+    lock.is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
+}
+
+/// The newest step that the run in the folder has written down, from 0.
+#[must_use]
+pub fn newest_step(root: &Path) -> Option<u64> {
+    /// Longer than any line.
+    const TAIL: u64 = 4096;
+    let mut file = File::open(root.join(SCALARS)).ok()?;
+    let length = file.metadata().ok()?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))
+        .ok()?;
+    let mut tail = Vec::new();
+    file.take(TAIL).read_to_end(&mut tail).ok()?;
+    let tail = String::from_utf8_lossy(&tail);
+    let (lines, _unfinished) = tail.rsplit_once('\n')?;
+    let (_, line) = lines.rsplit_once('\n').unwrap_or(("", lines));
+    line.split(',').next()?.parse().ok()
+}
+
 /// The run folder.
 pub(super) struct RunFolder {
     root: PathBuf,
@@ -112,21 +171,29 @@ impl RunFolder {
                 },
             });
         }
-        if !is_run && self.root.exists() {
-            // What a run leaves that was killed while it began is no reason to refuse.
-            let begun = |name: &str| {
-                [CONFIG, LOCK].contains(&name) || name.starts_with(files::UNFINISHED_PREFIX)
-            };
+        if !is_run {
+            self.check_free()?;
+        }
+        // Find out now, not after hours, whether the folder can be written.
+        files::check_writable(&self.root)?;
+        files::remove_leftovers(&self.root)?;
+        Ok(is_run)
+    }
+
+    /// Refuses a folder that holds what no run has left.
+    fn check_free(&self) -> Result<()> {
+        // What a run leaves that was killed while it began is no reason to refuse.
+        let begun = |name: &str| {
+            [CONFIG, LOCK].contains(&name) || name.starts_with(files::UNFINISHED_PREFIX)
+        };
+        if self.root.exists() {
             for entry in fs_err::read_dir(&self.root)? {
                 if !begun(&entry?.file_name().to_string_lossy()) {
                     return Err(Error::NotARun(self.root.clone()));
                 }
             }
         }
-        // Find out now, not after hours, whether the folder can be written.
-        files::check_writable(&self.root)?;
-        files::remove_leftovers(&self.root)?;
-        Ok(is_run)
+        Ok(())
     }
 
     /// Keeps other trainings out of the folder until the lock is dropped or its process ends,
@@ -195,13 +262,7 @@ impl RunFolder {
         // The run may be older than some setting: then its digest lacks that setting's default.
         let own = self.config()?;
         if info.config_digest != config_digest && own.digest()? != config_digest {
-            let (before, now) = (own.to_yaml()?, config.to_yaml()?);
-            let changed: Vec<String> = before
-                .lines()
-                .zip(now.lines())
-                .filter(|(before, now)| before != now)
-                .map(|(before, now)| format!("`{}` is now `{}`", before.trim(), now.trim()))
-                .collect();
+            let changed = own.differences(config)?;
             return refuse(format!("its settings differ: {}", changed.join("; ")));
         }
         Ok(info)
@@ -248,7 +309,8 @@ impl RunFolder {
             if self.path(CHECKPOINTS).exists() {
                 files::remove_folder_atomic(&self.path(CHECKPOINTS))?;
             }
-            for name in [PICTURES, EVENTS, SCALARS, VALIDATION, MODEL, RUN] {
+            let (tables, rest) = ([SCALARS, VALIDATION, DIAGNOSTICS], [MODEL, RUN]);
+            for name in [PICTURES, EVENTS].into_iter().chain(tables).chain(rest) {
                 files::remove(&self.path(name))?;
             }
         }

@@ -1,19 +1,23 @@
-//! What a run writes down as it goes: two tables and TensorBoard's event files, from the same numbers.
+//! What a run writes down as it goes: three tables and TensorBoard's event files, from the same numbers.
 
 use std::path::Path;
 
 use strat_store::files::{self, Appending};
 use strat_store::inputs::{self, Kind};
 
-use super::folder::{EVENTS, PICTURES, RunFolder, SCALARS, VALIDATION};
-use super::report::StepReport;
+use super::folder::{DIAGNOSTICS, EVENTS, PICTURES, RunFolder, SCALARS, VALIDATION};
+use super::report::{GradientNorms, StepReport};
 use super::schedule::Timeline;
 use super::tensorboard::EventWriter;
 use super::validation::{Pictures, Scores};
+use crate::config::Config;
 use crate::error::Result;
 
 /// Columns of the metrics of depth, in the order of [`strat_metrics::Metrics::to_array`].
 const DEPTH: [&str; 7] = ["abs_rel", "sq_rel", "rmse", "rmse_log", "a1", "a2", "a3"];
+
+/// Columns of a step that the schedules decide; TensorBoard shows them apart from the terms.
+const SCHEDULE: [&str; 2] = ["learning_rate", "baseline_fraction"];
 
 /// The tables and event files of a run.
 pub(super) struct Log<'a> {
@@ -21,12 +25,18 @@ pub(super) struct Log<'a> {
     timeline: Timeline,
     scalars: Table,
     validation: Table,
+    diagnostics: Table,
     events: EventWriter,
 }
 
 impl<'a> Log<'a> {
     /// Opens what is written from the step `first` on; what was written of later steps goes.
-    pub fn open(folder: &'a RunFolder, timeline: Timeline, first: u64) -> Result<Self> {
+    pub fn open(
+        folder: &'a RunFolder,
+        config: &Config,
+        timeline: Timeline,
+        first: u64,
+    ) -> Result<Self> {
         let scalars = StepReport::default()
             .columns()
             .into_iter()
@@ -34,15 +44,23 @@ impl<'a> Log<'a> {
         let scalars: Vec<&str> = ["step", "epoch"].into_iter().chain(scalars).collect();
         let validation = ["step", "epoch", "images", "photometric", "depth_images"];
         let validation: Vec<&str> = validation.into_iter().chain(DEPTH).collect();
+        let diagnostics: Vec<String> = GradientNorms::default()
+            .columns()
+            .map(|(term, _)| format!("gradient_{term}"))
+            .collect();
+        let diagnostics = diagnostics.iter().map(String::as_str);
+        let diagnostics: Vec<&str> = ["step", "epoch"].into_iter().chain(diagnostics).collect();
+        // A run that was stopped within an epoch was validated there; going on, it was not.
+        let of_epoch = |step| step < first && timeline.closes_epoch(step);
+        let mut events = EventWriter::create(&folder.path(EVENTS), first)?;
+        events.text(first, "configuration", &config.to_yaml()?)?;
         Ok(Self {
             scalars: Table::open(&folder.path(SCALARS), &scalars, &timeline, |step| {
                 step < first
             })?,
-            // A run that was stopped within an epoch was validated there; going on, it was not.
-            validation: Table::open(&folder.path(VALIDATION), &validation, &timeline, |step| {
-                step < first && timeline.closes_epoch(step)
-            })?,
-            events: EventWriter::create(&folder.path(EVENTS), first)?,
+            validation: Table::open(&folder.path(VALIDATION), &validation, &timeline, of_epoch)?,
+            diagnostics: Table::open(&folder.path(DIAGNOSTICS), &diagnostics, &timeline, of_epoch)?,
+            events,
             folder,
             timeline,
         })
@@ -54,8 +72,27 @@ impl<'a> Log<'a> {
         let columns = report.columns();
         let numbers = columns.iter().map(|(_, value)| value.to_string());
         let cells = [report.step.to_string(), epoch.to_string()];
-        self.scalars.line(cells.into_iter().chain(numbers))?;
-        self.events(report.step, epoch, &columns)
+        self.scalars
+            .line(cells.clone().into_iter().chain(numbers))?;
+        let grouped = columns.into_iter().map(|(name, value)| {
+            let schedule = SCHEDULE.contains(&name);
+            (
+                format!("{}/{name}", if schedule { "schedule" } else { "train" }),
+                value,
+            )
+        });
+        let epoch = ("schedule/epoch".to_owned(), epoch as f64);
+        self.events
+            .scalars(report.step, std::iter::once(epoch).chain(grouped))?;
+        let Some(gradients) = &report.gradients else {
+            return Ok(());
+        };
+        let norms: Vec<(&str, f64)> = gradients.columns().collect();
+        let numbers = norms.iter().map(|(_, norm)| norm.to_string());
+        self.diagnostics.line(cells.into_iter().chain(numbers))?;
+        let tags = norms.into_iter();
+        let tags = tags.map(|(term, norm)| (format!("gradients/{term}"), norm));
+        self.events.scalars(report.step, tags)
     }
 
     /// Writes the scores of a validation after a step.
@@ -73,7 +110,9 @@ impl<'a> Log<'a> {
         // A line without depth has gaps.
         cells.resize(5 + DEPTH.len(), String::new());
         self.validation.line(cells)?;
-        self.events(step, epoch, &columns)
+        let tags = columns.into_iter();
+        let tags = tags.map(|(name, value)| (format!("validation/{name}"), value));
+        self.events.scalars(step, tags)
     }
 
     /// Keeps pictures of validation pairs.
@@ -96,12 +135,6 @@ impl<'a> Log<'a> {
         }
         Ok(())
     }
-
-    fn events(&mut self, step: u64, epoch: u64, columns: &[(&'static str, f64)]) -> Result<()> {
-        let epoch = ("epoch", epoch as f64);
-        let numbers = std::iter::once(epoch).chain(columns.iter().copied());
-        self.events.scalars(step, numbers)
-    }
 }
 
 /// A CSV file that grows by a line at a time; its first columns are step and epoch.
@@ -111,7 +144,8 @@ impl Table {
     /// Opens a table for appending after those of its lines whose step is to be kept.
     ///
     /// Lines of later steps were written after the checkpoint that is resumed from. Epochs are
-    /// written anew: versions before 0.2 counted those of `scalars.csv` from 0.
+    /// written anew: versions before 0.2 counted those of `scalars.csv` from 0. Lines from before
+    /// some column was known have gaps in it.
     fn open(
         path: &Path,
         columns: &[&str],
@@ -122,15 +156,20 @@ impl Table {
         kept.write_record(columns)?;
         if path.exists() {
             let mut before = strat_csv::Reader::flexible(inputs::open(path, Kind::Table)?);
+            let mut cells = None;
             for line in before.records() {
                 let line = line?;
                 let step = line.get(0).and_then(|cell| cell.parse().ok());
                 // A line that was cut off when the run was killed is no line.
-                if let Some(step) = step.filter(|step| line.len() == columns.len() && keep(*step)) {
+                let whole = cells == Some(line.len()) && line.len() <= columns.len();
+                if let Some(step) = step.filter(|step| whole && keep(*step)) {
                     let start = [step.to_string(), timeline.epoch_number(step).to_string()];
                     let start = start.iter().map(String::as_str);
-                    kept.write_record(start.chain(line.iter().skip(2)))?;
+                    let gaps = std::iter::repeat_n("", columns.len() - line.len());
+                    kept.write_record(start.chain(line.iter().skip(2)).chain(gaps))?;
                 }
+                // The first line names the columns.
+                cells.get_or_insert(line.len());
             }
         }
         let kept = kept.into_inner()?;

@@ -10,6 +10,7 @@
 //! Not here: the memory of GPUs before a step, which burn does not tell; a measurement on a GPU
 //! reports what its backend has reserved after the steps.
 
+use std::process::{Command, Stdio};
 use std::time::Instant;
 
 use burn::tensor::Device;
@@ -17,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use strat_store::human;
 use sysinfo::{MemoryRefreshKind, RefreshKind, System};
 
-use crate::config::{Config, Sharing};
+use crate::config::{Config, Preset, Sharing};
 use crate::data::loader::Batch;
 use crate::device::DeviceChoice;
 use crate::error::{Error, Result};
@@ -285,6 +286,37 @@ pub fn measure(config: &Config, device: DeviceChoice) -> Result<Measured> {
     })
 }
 
+/// [`measure`] in a process of its own, so that its peak is no other's: `train measure` with the
+/// configuration `source`, the preset and the `key=value` settings.
+///
+/// # Errors
+/// When the process cannot be started, or ends without a measurement.
+pub fn measure_apart(
+    source: &str,
+    preset: Option<Preset>,
+    settings: &[String],
+    device: DeviceChoice,
+) -> Result<Measured> {
+    let mut command = Command::new(std::env::current_exe()?);
+    command.args(["measure", "--config", source]);
+    command.args(["--device", &device.to_string()]);
+    if let Some(preset) = preset {
+        command.args(["--preset", preset.name()]);
+    }
+    for setting in settings {
+        command.args(["--set", setting]);
+    }
+    let output = command.stderr(Stdio::inherit()).output()?;
+    if !output.status.success() {
+        return Err(Error::Memory(format!(
+            "the measurement of steps ended with {}; it may have run out of memory",
+            output.status
+        )));
+    }
+    serde_json::from_slice(&output.stdout)
+        .map_err(|error| Error::Memory(format!("the measurement cannot be read: {error}")))
+}
+
 fn noise(config: &Config, step: u64, part: u64) -> Batch {
     let mut draws = Draws::new(config.seed, Purpose::Augmentation, step, part);
     let [height, width] = config.input.size();
@@ -329,7 +361,6 @@ fn peak_of_process() -> Result<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Preset;
 
     fn tiny(settings: &[&str]) -> (Config, Trainer) {
         let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();

@@ -1,7 +1,25 @@
 //! The numbers of a step, under the names of their columns.
 
 use crate::error::{Error, Result};
-use crate::loss::TermValues;
+use crate::loss::{Term, TermValues};
+
+/// Euclidean norms of the gradients of the weighted terms at the predicted disparities of all levels,
+/// on one batch: how hard each term pulls. A term that has no weight is 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GradientNorms {
+    /// By [`Term`], both views together.
+    pub stereo: [f64; Term::COUNT],
+    /// The generator's adversarial term.
+    pub adversarial: f64,
+}
+
+impl GradientNorms {
+    /// Every norm under its name.
+    pub fn columns(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        let stereo = Term::ALL.map(Term::key).into_iter().zip(self.stereo);
+        stereo.chain([("adversarial", self.adversarial)])
+    }
+}
 
 /// What a step did, as numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -24,6 +42,11 @@ pub struct StepReport {
     pub disparity_mean: f64,
     /// Mean over images and views of the standard deviation within a disparity map.
     pub disparity_spread: f64,
+    /// Fractions of the real and of the synthesised patches' cells that the discriminator was right
+    /// about before its step; 0 without one.
+    pub accuracy: [f64; 2],
+    /// At the steps that measure them.
+    pub gradients: Option<GradientNorms>,
 }
 
 impl StepReport {
@@ -42,6 +65,8 @@ impl StepReport {
             ("discriminator", self.discriminator),
             ("disparity_mean", self.disparity_mean),
             ("disparity_spread", self.disparity_spread),
+            ("accuracy_real", self.accuracy[0]),
+            ("accuracy_synthesised", self.accuracy[1]),
         ]);
         columns
     }
@@ -54,6 +79,10 @@ impl StepReport {
         self.total += other.total;
         self.disparity_mean += other.disparity_mean;
         self.disparity_spread += other.disparity_spread;
+        for (sum, value) in self.accuracy.iter_mut().zip(other.accuracy) {
+            *sum += value;
+        }
+        self.gradients = self.gradients.or(other.gradients);
     }
 
     /// Refuses a number that is not finite, naming a term rather than the sum it spoils.

@@ -71,6 +71,13 @@ impl Timeline {
     pub fn is_last(&self, step: u64) -> bool {
         step + 1 == self.end
     }
+
+    /// Whether what happens every so many epochs (0: never), and at the end, happens after a step.
+    #[must_use]
+    pub fn is_due(&self, every: u64, step: u64) -> bool {
+        let closes = || self.closes_epoch(step) && self.epoch_number(step).is_multiple_of(every);
+        every > 0 && (self.is_last(step) || closes())
+    }
 }
 
 /// Baseline fraction of the adversarial term in a 0-based epoch:

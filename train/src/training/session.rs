@@ -47,7 +47,7 @@ impl Session<'_> {
             steps_per_epoch: timeline.steps_per_epoch,
             workers: config.workers,
         };
-        let mut log = Log::open(self.folder, timeline, first)?;
+        let mut log = Log::open(self.folder, config, timeline, first)?;
         let mut loader = Loader::start(pairs.clone(), plan, first, timeline.end)?;
         let images = (timeline.end - first) * per_step;
         let progress = Progress::new("training", images, "images", options.quiet);
@@ -88,7 +88,7 @@ impl Session<'_> {
                 if !options.quiet {
                     progress.println(&line);
                 }
-                if improved || self.is_due(config.checkpoint.every, step) {
+                if improved || self.timeline.is_due(config.checkpoint.every, step) {
                     self.save(&trainer)?;
                     saved = self.state.step;
                 }
@@ -132,17 +132,11 @@ impl Session<'_> {
         &self.options.config
     }
 
-    /// Whether what happens every so many epochs (0: never) happens at the end of this one.
-    fn is_due(&self, every: u64, step: u64) -> bool {
-        let epoch = self.timeline.epoch_number(step);
-        every > 0 && (self.timeline.is_last(step) || epoch.is_multiple_of(every))
-    }
-
     fn validate(&self, trainer: &Trainer, step: u64, log: &mut Log) -> Result<Option<Scores>> {
         let Some(validation) = self.validation else {
             return Ok(None);
         };
-        if !self.is_due(self.config().validation.every, step) {
+        if !self.timeline.is_due(self.config().validation.every, step) {
             return Ok(None);
         }
         let scores = validation.score(&trainer.generator(), self.config(), &self.device)?;
@@ -155,7 +149,7 @@ impl Session<'_> {
         let Some(validation) = self.validation else {
             return Ok(());
         };
-        if !self.is_due(self.config().pictures.every, step) {
+        if !self.timeline.is_due(self.config().pictures.every, step) {
             return Ok(());
         }
         let generator = trainer.generator();

@@ -18,6 +18,9 @@ use crate::error::Result;
 /// `SessionLog.SessionStatus.START`: what earlier files say of this step and later ones is void.
 const SESSION_START: i32 = 1;
 
+/// `DataType.DT_STRING`.
+const STRING: i32 = 7;
+
 /// `Summary.Image.colorspace` of red, green, blue.
 const COLORSPACE_RGB: i32 = 3;
 
@@ -57,8 +60,10 @@ struct Summary {
 struct Value {
     #[prost(string, tag = "1")]
     tag: String,
-    #[prost(oneof = "Content", tags = "2, 4")]
+    #[prost(oneof = "Content", tags = "2, 4, 8")]
     content: Option<Content>,
+    #[prost(message, optional, tag = "9")]
+    metadata: Option<Metadata>,
 }
 
 #[derive(Clone, PartialEq, Oneof)]
@@ -67,6 +72,29 @@ enum Content {
     SimpleValue(f32),
     #[prost(message, tag = "4")]
     Image(Picture),
+    #[prost(message, tag = "8")]
+    Tensor(TextTensor),
+}
+
+/// `TensorProto` of strings, one of them without a shape.
+#[derive(Clone, PartialEq, Message)]
+struct TextTensor {
+    #[prost(int32, tag = "1")]
+    dtype: i32,
+    #[prost(string, repeated, tag = "8")]
+    string_val: Vec<String>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Metadata {
+    #[prost(message, optional, tag = "1")]
+    plugin_data: Option<PluginData>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct PluginData {
+    #[prost(string, tag = "1")]
+    plugin_name: String,
 }
 
 #[derive(Clone, PartialEq, Message)]
@@ -137,11 +165,12 @@ impl EventWriter {
     pub fn scalars(
         &mut self,
         step: u64,
-        values: impl IntoIterator<Item = (&'static str, f64)>,
+        values: impl IntoIterator<Item = (String, f64)>,
     ) -> Result<()> {
-        let value = |(tag, number): (&str, f64)| Value {
-            tag: tag.to_owned(),
+        let value = |(tag, number): (String, f64)| Value {
+            tag,
             content: Some(Content::SimpleValue(number as f32)),
+            metadata: None,
         };
         let value = values.into_iter().map(value).collect();
         self.event(step, What::Summary(Summary { value }))
@@ -162,6 +191,29 @@ impl EventWriter {
         let value = vec![Value {
             tag: tag.to_owned(),
             content: Some(Content::Image(picture)),
+            metadata: None,
+        }];
+        self.event(step, What::Summary(Summary { value }))
+    }
+
+    /// Adds a text, shown as it is.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn text(&mut self, step: u64, tag: &str, text: &str) -> Result<()> {
+        // TensorBoard takes texts as Markdown, where four spaces begin what is shown unchanged.
+        let lines = text.lines().map(|line| format!("    {line}\n"));
+        let tensor = TextTensor {
+            dtype: STRING,
+            string_val: vec![lines.collect()],
+        };
+        let plugin_data = Some(PluginData {
+            plugin_name: "text".to_owned(),
+        });
+        let value = vec![Value {
+            tag: tag.to_owned(),
+            content: Some(Content::Tensor(tensor)),
+            metadata: Some(Metadata { plugin_data }),
         }];
         self.event(step, What::Summary(Summary { value }))
     }
@@ -231,7 +283,9 @@ mod tests {
     fn scalars_and_pictures_come_back_with_their_step() {
         let folder = tempfile::tempdir().unwrap();
         let mut writer = EventWriter::create(folder.path(), 0).unwrap();
-        writer.scalars(7, [("loss", 0.5), ("rate", 1e-4)]).unwrap();
+        let scalars = [("train/loss", 0.5), ("schedule/rate", 1e-4)];
+        let scalars = scalars.map(|(tag, value)| (tag.to_owned(), value));
+        writer.scalars(7, scalars).unwrap();
         let picture = RgbImage::from_pixel(3, 2, image::Rgb([1, 2, 3]));
         writer.picture(8, "left", &picture).unwrap();
         let events = read(writer.path());
@@ -243,7 +297,7 @@ mod tests {
             panic!("{events:?}");
         };
         assert_eq!(events[1].step, 7);
-        assert_eq!(summary.value[0].tag, "loss");
+        assert_eq!(summary.value[0].tag, "train/loss");
         assert_eq!(summary.value[0].content, Some(Content::SimpleValue(0.5)));
         let Some(What::Summary(summary)) = &events[2].what else {
             panic!("{events:?}");
@@ -255,6 +309,23 @@ mod tests {
         let decoded =
             strat_store::image_files::decode_rgb(&image.encoded_image_string, "test").unwrap();
         assert_eq!(decoded, picture);
+    }
+
+    #[test]
+    fn a_text_is_a_string_for_the_text_plugin() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut writer = EventWriter::create(folder.path(), 0).unwrap();
+        writer.text(3, "configuration", "a: 1\nb: 2\n").unwrap();
+        let Some(What::Summary(summary)) = &read(writer.path())[1].what else {
+            panic!("no summary");
+        };
+        let Some(Content::Tensor(tensor)) = &summary.value[0].content else {
+            panic!("{summary:?}");
+        };
+        assert_eq!((tensor.dtype, tensor.string_val.len()), (7, 1));
+        assert_eq!(tensor.string_val[0], "    a: 1\n    b: 2\n");
+        let plugin = summary.value[0].metadata.clone().unwrap().plugin_data;
+        assert_eq!(plugin.unwrap().plugin_name, "text");
     }
 
     #[test]

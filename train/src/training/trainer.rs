@@ -166,6 +166,7 @@ impl Trainer {
             baseline: baseline_fraction(config, timeline, step),
             discriminator_rate: rate(config.discriminator_rate()),
             share: 1.0 / batches.len() as f64,
+            diagnose: timeline.is_due(config.diagnostics().every, step),
         };
         let mut report = StepReport {
             step,
@@ -198,7 +199,9 @@ impl Trainer {
             adversary.step(context.discriminator_rate, gradients);
             pass.add_adversarial_term(fakes, &adversary.network);
         }
-        let (gradients, of_batch) = pass.finish(&self.generator);
+        let judges: Vec<Discriminator> =
+            self.adversaries.iter().map(|a| a.network.clone()).collect();
+        let (gradients, of_batch) = pass.finish(&self.generator, &judges);
         report.add(&of_batch);
         report.check()?;
         Ok(gradients)

@@ -55,33 +55,44 @@ impl Collapse {
 pub(super) struct EpochMeans {
     steps: f64,
     sum: StepReport,
+    baseline: f64,
+    learning_rate: f64,
 }
 
 impl EpochMeans {
     pub fn add(&mut self, report: &StepReport) {
         self.steps += 1.0;
         self.sum.add(report);
+        self.baseline += report.baseline;
+        self.learning_rate = report.learning_rate;
     }
 
     pub fn sentence(&self, adversarial: bool) -> String {
         let mean = |sum: f64| sum / self.steps.max(1.0);
         let StepReport { terms, .. } = &self.sum;
-        let adversary = if adversarial {
-            format!(
-                ", adversarial {:.3}, discriminator {:.3}",
-                mean(self.sum.adversarial),
-                mean(self.sum.discriminator)
+        let [real, synthesised] = self.sum.accuracy.map(|sum| 100.0 * mean(sum));
+        let (adversary, baseline) = if adversarial {
+            (
+                format!(
+                    ", adversarial {:.3}, discriminator {:.3}, right about {real:.0} % real and \
+                     {synthesised:.0} % synthesised",
+                    mean(self.sum.adversarial),
+                    mean(self.sum.discriminator)
+                ),
+                format!(", b {:.2}", mean(self.baseline)),
             )
         } else {
-            String::new()
+            (String::new(), String::new())
         };
         format!(
-            "loss {:.4} (ssim {:.4}, l1 {:.4}, left-right {:.4}{adversary}), disparity {:.4}",
+            "loss {:.4} (ssim {:.4}, l1 {:.4}, left-right {:.4}{adversary}), disparity {:.4}\
+             {baseline}, learning rate {:.2e}",
             mean(self.sum.total),
             mean(terms.both(Term::Ssim)),
             mean(terms.both(Term::L1)),
             mean(terms.both(Term::LeftRight)),
             mean(self.sum.disparity_mean),
+            self.learning_rate,
         )
     }
 }

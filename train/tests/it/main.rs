@@ -11,3 +11,5 @@ mod memory;
 mod nets;
 mod prepared;
 mod run;
+#[cfg(unix)]
+mod study;

@@ -60,7 +60,7 @@ fn go(options: &Options) -> Outcome {
 
 /// Everything a run computes: the weights (in the model) and every number of every step.
 fn assert_same_run(a: &Path, b: &Path) {
-    for name in ["scalars.csv", "validation.csv"] {
+    for name in ["scalars.csv", "validation.csv", "diagnostics.csv"] {
         assert_eq!(
             String::from_utf8(bytes(a, name)).unwrap(),
             String::from_utf8(bytes(b, name)).unwrap()
@@ -505,6 +505,129 @@ fn both_tables_count_epochs_from_one() {
     // Three steps an epoch.
     assert_eq!(epochs("scalars.csv"), ["1", "1", "1", "2"]);
     assert_eq!(epochs("validation.csv"), ["1", "2"]);
+}
+
+/// Lines of a run's table as cells, its head first.
+fn table(folder: &Path, name: &str) -> Vec<Vec<String>> {
+    let text = String::from_utf8(bytes(folder, name)).unwrap();
+    let cells = |line: &str| line.split(',').map(str::to_owned).collect();
+    text.lines().map(cells).collect()
+}
+
+#[test]
+fn diagnostics_change_no_bit_of_the_weights() {
+    let folder = set();
+    for (name, settings) in [
+        ("strat", &[][..]),
+        ("noadv", &["variant=no-adv"][..]),
+        ("per-view", &["discriminator.sharing=per-view"][..]),
+        ("several", &["batch=1", "accumulate=2"][..]),
+    ] {
+        let of = |every: &str| {
+            let settings = [settings, &[every]].concat();
+            let options = options(folder.path(), &format!("{name}-{every}"), &settings);
+            go(&options);
+            options
+        };
+        let (with, without) = (of("diagnostics.every=1"), of("diagnostics.every=0"));
+        assert_eq!(
+            with.config.digest().unwrap(),
+            without.config.digest().unwrap()
+        );
+        for file in ["model.onnx", "scalars.csv", "validation.csv"] {
+            assert!(
+                bytes(&with.out, file) == bytes(&without.out, file),
+                "{name}: {file}"
+            );
+        }
+        for part in [
+            "generator.bpk",
+            "generator-optimizer.bpk",
+            "discriminator.bpk",
+        ] {
+            let part = format!("checkpoints/step-00000009/{part}");
+            let read = |run: &Options| std::fs::read(run.out.join(&part)).ok();
+            assert!(read(&with) == read(&without), "{name}: {part}");
+        }
+        assert_eq!(table(&without.out, "diagnostics.csv").len(), 1);
+        // Once an epoch, of three steps each, at its last step.
+        let lines = table(&with.out, "diagnostics.csv");
+        let head = "step,epoch,gradient_ssim,gradient_l1,gradient_left_right,gradient_smoothness,\
+                    gradient_adversarial";
+        assert_eq!(lines[0].join(","), head);
+        let steps: Vec<&str> = lines[1..].iter().map(|line| line[0].as_str()).collect();
+        assert_eq!(steps, ["2", "5", "8"]);
+        for line in &lines[1..] {
+            let norms: Vec<f64> = line[2..].iter().map(|cell| cell.parse().unwrap()).collect();
+            let pulls = [true, true, true, false, name != "noadv"];
+            for (norm, pulls) in norms.iter().zip(pulls) {
+                assert_eq!(*norm > 0.0 && norm.is_finite(), pulls, "{name}: {norms:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_discriminator_is_right_about_a_fraction_of_the_patches() {
+    let folder = set();
+    let options = options(folder.path(), "run", &["epochs=1"]);
+    go(&options);
+    let lines = table(&options.out, "scalars.csv");
+    let cells = lines[0].len();
+    assert_eq!(
+        lines[0][cells - 2..],
+        ["accuracy_real", "accuracy_synthesised"]
+    );
+    let values = lines[1..].iter().flat_map(|line| &line[cells - 2..]);
+    let values: Vec<f64> = values.map(|cell| cell.parse().unwrap()).collect();
+    // Before it has learned, it is right about the one as often as it is wrong about the other.
+    assert!((values[0] + values[1] - 1.0).abs() < 0.5, "{values:?}");
+    assert!(values.iter().all(|value| (0.0..=1.0).contains(value)));
+}
+
+#[test]
+fn a_run_from_before_diagnostics_goes_on() {
+    let folder = set();
+    let whole = options(folder.path(), "whole", &[]);
+    go(&whole);
+    let mut older = options(folder.path(), "older", &["max_steps=4"]);
+    go(&older);
+    // What earlier versions wrote: no such settings, two columns fewer, no third table.
+    let path = older.out.join("config.yaml");
+    let config = std::fs::read_to_string(&path).unwrap();
+    let (before, _) = config.split_once("diagnostics:\n").unwrap();
+    std::fs::write(&path, before).unwrap();
+    let lines = table(&older.out, "scalars.csv");
+    let old: Vec<String> = lines
+        .iter()
+        .map(|line| line[..line.len() - 2].join(","))
+        .collect();
+    std::fs::write(older.out.join("scalars.csv"), old.join("\n") + "\n").unwrap();
+    std::fs::remove_file(older.out.join("diagnostics.csv")).unwrap();
+    older.config.max_steps = None;
+    older.resume = true;
+    go(&older);
+    assert!(bytes(&whole.out, "model.onnx") == bytes(&older.out, "model.onnx"));
+    let (all, gone_on) = (
+        table(&whole.out, "scalars.csv"),
+        table(&older.out, "scalars.csv"),
+    );
+    assert_eq!(gone_on.len(), 10);
+    for (index, (all, gone_on)) in all.iter().zip(&gone_on).enumerate() {
+        let known = if (1..=4).contains(&index) {
+            all.len() - 2
+        } else {
+            all.len()
+        };
+        assert_eq!(all[..known], gone_on[..known]);
+        assert!(gone_on[known..].iter().all(String::is_empty));
+        assert_eq!(gone_on.len(), all.len());
+    }
+    let steps: Vec<String> = table(&older.out, "diagnostics.csv")
+        .iter()
+        .map(|l| l[0].clone())
+        .collect();
+    assert_eq!(steps, ["step", "5", "8"]);
 }
 
 #[test]
