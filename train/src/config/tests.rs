@@ -111,15 +111,33 @@ fn every_line_of_a_built_in_file_is_preceded_by_or_ends_in_a_comment() {
 
 #[test]
 fn digests_are_those_of_runs_made_so_far() {
-    // Digests in run.json of runs made before there were diagnostics.
-    for (name, digest) in [
-        ("kitti-strat", "KITTI"),
-        ("eigen-noadv", "EIGEN"),
-        ("demo", "DEMO"),
+    // config_digest in run.json of runs that were made before there were diagnostics.
+    for (name, preset, settings, digest) in [
+        (
+            "demo",
+            None,
+            &[][..],
+            "50ab8d23480e2cbf8f714f223b7372af1f702b266a8a0e6a2db5b7222a617ab6",
+        ),
+        (
+            "demo",
+            None,
+            &["epochs=8"],
+            "b571cdc4a9c9cc0a4b626867f8d3b8485777e863da17b6f36392f0e629849acb",
+        ),
+        (
+            "eigen-noadv",
+            Some(Preset::Tiny),
+            &[],
+            "6803d5fd4e6127ba079edbb3068333577f031bd9a57b2365a6cfdff268c05041",
+        ),
     ] {
-        assert_eq!(resolved(name).digest().unwrap(), digest, "{name}");
-        let never = Config::resolve(name, None, &["diagnostics.every=0".to_owned()]).unwrap();
-        assert_eq!(never.digest().unwrap(), digest, "{name}");
+        for never in [&[][..], &["diagnostics.every=0"]] {
+            let settings = settings.iter().chain(never).map(|s| (*s).to_owned());
+            let settings: Vec<String> = settings.collect();
+            let config = Config::resolve(name, preset, &settings).unwrap();
+            assert_eq!(config.digest().unwrap(), digest, "{name}");
+        }
     }
 }
 
