@@ -122,7 +122,7 @@ fn digests_are_those_of_runs_made_so_far() {
         (
             "demo",
             None,
-            &["epochs=8"],
+            &["epochs=14"],
             "b571cdc4a9c9cc0a4b626867f8d3b8485777e863da17b6f36392f0e629849acb",
         ),
         (

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use serde_yaml::{Mapping, Value};
 
 use crate::config::{Preset, nearest};
@@ -45,21 +46,6 @@ pub struct StudyFile {
     pub data: Vec<PathBuf>,
     /// What `bench` shall measure; handed on as it is.
     pub evaluation: Value,
-}
-
-/// The file's own shape.
-#[derive(Deserialize)]
-struct Raw {
-    base: Option<String>,
-    preset: Option<String>,
-    settings: Option<Mapping>,
-    variants: Option<Mapping>,
-    #[serde(default)]
-    seeds: Vec<u64>,
-    #[serde(default)]
-    data: Option<Folders>,
-    #[serde(default)]
-    evaluation: Value,
 }
 
 #[derive(Deserialize)]
@@ -109,17 +95,19 @@ impl StudyFile {
                 )));
             }
         }
-        let raw: Raw = serde_yaml::from_value(tree).map_err(|error| refuse(error.to_string()))?;
-        let base = raw.base.ok_or_else(|| {
+        let name: Option<String> = field(keys, "preset").map_err(refuse)?;
+        let preset = name.map(|name| name.parse()).transpose()?;
+        let base: Option<String> = field(keys, "base").map_err(refuse)?;
+        let base = base.ok_or_else(|| {
             refuse(
                 "`base` is missing: the configuration that all runs begin with, e.g. demo".into(),
             )
         })?;
-        let preset = raw.preset.map(|name| name.parse()).transpose()?;
-        let common =
-            leaves(&raw.settings.unwrap_or_default()).map_err(|p| refuse(p.to_string()))?;
+        let settings: Option<Mapping> = field(keys, "settings").map_err(refuse)?;
+        let common = leaves(&settings.unwrap_or_default()).map_err(refuse)?;
+        let named: Option<Mapping> = field(keys, "variants").map_err(refuse)?;
         let mut variants: Vec<(String, Vec<String>)> = Vec::new();
-        for (name, settings) in raw.variants.unwrap_or_default() {
+        for (name, settings) in named.unwrap_or_default() {
             let name = text_of(&name);
             check_name(&name).map_err(refuse)?;
             let settings = match settings {
@@ -142,13 +130,15 @@ impl StudyFile {
                     .to_owned(),
             ));
         }
-        if raw.seeds.is_empty() {
+        let seeds: Option<Vec<u64>> = field(keys, "seeds").map_err(refuse)?;
+        let seeds = seeds.unwrap_or_default();
+        if seeds.is_empty() {
             return Err(refuse(
                 "`seeds` is missing: one run of each variant for each, e.g. [1, 2, 3]".to_owned(),
             ));
         }
-        for (index, seed) in raw.seeds.iter().enumerate() {
-            if raw.seeds[..index].contains(seed) {
+        for (index, seed) in seeds.iter().enumerate() {
+            if seeds[..index].contains(seed) {
                 return Err(refuse(format!("`seeds` names {seed} twice")));
             }
         }
@@ -156,15 +146,21 @@ impl StudyFile {
             base,
             preset,
             variants,
-            seeds: raw.seeds,
-            data: match raw.data {
+            seeds,
+            data: match field(keys, "data").map_err(refuse)? {
                 None => Vec::new(),
                 Some(Folders::One(folder)) => vec![folder],
                 Some(Folders::Several(folders)) => folders,
             },
-            evaluation: raw.evaluation,
+            evaluation: keys.get("evaluation").cloned().unwrap_or_default(),
         })
     }
+}
+
+/// The value of a key; none where it is absent or null.
+fn field<T: DeserializeOwned>(keys: &Mapping, key: &str) -> std::result::Result<Option<T>, String> {
+    let value = keys.get(key).cloned().unwrap_or_default();
+    serde_yaml::from_value(value).map_err(|error| format!("`{key}`: {error}"))
 }
 
 /// What may be the name of a folder everywhere, and of a row of `bench`, whose seed stands behind `@`.
@@ -262,7 +258,10 @@ mod tests {
                 "base: demo\nvariants: {a: {seed: 3}}\nseeds: [1]",
                 "`seeds` lists",
             ),
-            ("base: demo\nvariants: {a: {}}\nseeds: one", "seeds"),
+            (
+                "base: demo\nvariants: {a: {}}\nseeds: one",
+                "`seeds`: invalid type",
+            ),
             (&format!("{whole}preset: huge"), "huge"),
         ] {
             let sentence = parsed(text).unwrap_err().to_string();

@@ -156,20 +156,18 @@ impl Table {
         kept.write_record(columns)?;
         if path.exists() {
             let mut before = strat_csv::Reader::flexible(inputs::open(path, Kind::Table)?);
-            let mut cells = None;
+            let cells = before.headers()?.len();
             for line in before.records() {
                 let line = line?;
                 let step = line.get(0).and_then(|cell| cell.parse().ok());
                 // A line that was cut off when the run was killed is no line.
-                let whole = cells == Some(line.len()) && line.len() <= columns.len();
+                let whole = line.len() == cells && cells <= columns.len();
                 if let Some(step) = step.filter(|step| whole && keep(*step)) {
                     let start = [step.to_string(), timeline.epoch_number(step).to_string()];
                     let start = start.iter().map(String::as_str);
                     let gaps = std::iter::repeat_n("", columns.len() - line.len());
                     kept.write_record(start.chain(line.iter().skip(2)).chain(gaps))?;
                 }
-                // The first line names the columns.
-                cells.get_or_insert(line.len());
             }
         }
         let kept = kept.into_inner()?;
