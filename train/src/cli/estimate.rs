@@ -107,7 +107,12 @@ pub(super) fn measure_apart(
 ) -> Result<Measured, CliError> {
     let settings = setup.set.iter().cloned();
     let settings: Vec<String> = settings.chain([format!("batch={batch}")]).collect();
-    Ok(memory::measure_apart(source, setup.preset, &settings, device)?)
+    Ok(memory::measure_apart(
+        source,
+        setup.preset,
+        &settings,
+        device,
+    )?)
 }
 
 /// One measurement, in this process.

@@ -258,6 +258,7 @@ impl Networks {
             baseline: 0.5,
             discriminator_rate: 0.0,
             share: 1.0,
+            diagnose: false,
         };
         let images = batch(config);
         let plain = self.device.clone().inner();
