@@ -32,7 +32,7 @@ impl StudySet {
     /// There is no set, or none to train on.
     pub fn open(folder: &Path) -> Result<Self> {
         let set = PreparedSet::open(folder)?;
-        // Sizes and the cache are of no matter: the pairs are only counted.
+        // Sizes and the cache are irrelevant: the pairs are only counted.
         let pairs = Pairs::from_set(&set, Role::Train, 1, 1, 0)?.count();
         Ok(Self {
             folder: claim::resolve(folder)?,
