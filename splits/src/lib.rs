@@ -1,5 +1,5 @@
 //! What is in the KITTI and Eigen splits: drives, frames, roles, validation draw, digest, and what
-//! was recorded together.
+//! was recorded together; and whether a test image comes from a training drive.
 //!
 //! Both splits are lists of complete drives of KITTI raw (PROTOCOL 2.1); training and
 //! validation follow from the drive table, the test sets are the 200 KITTI stereo 2015
@@ -9,12 +9,14 @@
 //! This crate does no I/O and knows nothing about folders, images or calibration.
 
 mod frame;
+mod leakage;
 mod recording;
 mod role;
 mod split;
 mod table;
 
 pub use frame::{Date, DriveId, FrameId, ParseIdError};
+pub use leakage::{Leakage, Training, leakage};
 pub use recording::{Recording, recording};
 pub use role::{ParseSplitError, Role, Split};
 pub use split::{

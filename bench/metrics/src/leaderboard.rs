@@ -25,7 +25,7 @@ use crate::columns::{self, CsvError, cell};
 use crate::metrics::{Metric, Metrics};
 use crate::protocol::{Group, canonical};
 use crate::published;
-use crate::rows::{Row, RowsError, by_model};
+use crate::rows::{ModelRows, Row, RowsError, by_model};
 use crate::statistics::{Interval, summarise};
 use crate::tables::{Coverage, Source};
 use crate::thesis::ThesisTable;
@@ -214,51 +214,60 @@ pub fn measured(rows: &[Row], protocol: &str, test_images: u64) -> Result<Vec<En
     let expected_images = whole.under(protocol);
     let mut entries = Vec::new();
     for model in by_model(rows, protocol)? {
-        let context = model.context();
-        let filled = |text: &str| (!text.is_empty()).then(|| text.to_owned());
-        for group in std::iter::once(None).chain(Group::all().map(Some)) {
-            let Some(summary) = summarise(&model.of_group(group)) else {
-                continue;
-            };
-            entries.push(Entry {
-                method: context.model.clone(),
-                origin: Origin::Measured,
-                citation: None,
-                variant: context.variant.clone(),
-                model_hash: filled(&context.model_hash),
-                protocol: protocol.to_owned(),
-                group,
-                metrics: summary.mean.to_array().map(Some),
-                intervals: match summary.intervals {
-                    Some(intervals) => intervals.map(Some),
-                    None => [None; 7],
-                },
-                further: summary
-                    .further
-                    .map_or([None; 5], |further| further.to_array().map(Some)),
-                further_intervals: summary
-                    .further_intervals
-                    .map_or([None; 5], |intervals| intervals.map(Some)),
-                rmse_pooled: Some(summary.pooled_rmse),
-                rmse_pooled_interval: summary.pooled_rmse_interval,
-                d1_all: summary.d1_all,
-                d1_all_interval: summary.d1_all_interval,
-                interval_method: summary
-                    .intervals
-                    .map(|_| format!("{METHOD} over {}", summary.clusters)),
-                images: Some(summary.images),
-                expected_images: Some(expected_images),
-                pixels: Some(summary.pixels),
-                floored_pixels: Some(summary.floored_pixels),
-                protocol_digest: Some(context.protocol_digest.clone()),
-                data_digest: Some(context.data_digest.clone()),
-                runtime: filled(&model.distinct(|context| &context.runtime)),
-                provider: filled(&model.distinct(|context| &context.provider)),
-                tool_version: filled(&model.distinct(|context| &context.tool_version)),
-            });
-        }
+        entries.extend(lines(&model, expected_images));
     }
     Ok(entries)
+}
+
+/// The line of one model under one protocol, or its lines by group; `expected_images` is how many the
+/// complete test set has under this protocol.
+#[must_use]
+pub fn lines(model: &ModelRows<'_>, expected_images: u64) -> Vec<Entry> {
+    let mut entries = Vec::new();
+    let context = model.context();
+    let filled = |text: &str| (!text.is_empty()).then(|| text.to_owned());
+    for group in std::iter::once(None).chain(Group::all().map(Some)) {
+        let Some(summary) = summarise(&model.of_group(group)) else {
+            continue;
+        };
+        entries.push(Entry {
+            method: context.model.clone(),
+            origin: Origin::Measured,
+            citation: None,
+            variant: context.variant.clone(),
+            model_hash: filled(&context.model_hash),
+            protocol: context.protocol.clone(),
+            group,
+            metrics: summary.mean.to_array().map(Some),
+            intervals: match summary.intervals {
+                Some(intervals) => intervals.map(Some),
+                None => [None; 7],
+            },
+            further: summary
+                .further
+                .map_or([None; 5], |further| further.to_array().map(Some)),
+            further_intervals: summary
+                .further_intervals
+                .map_or([None; 5], |intervals| intervals.map(Some)),
+            rmse_pooled: Some(summary.pooled_rmse),
+            rmse_pooled_interval: summary.pooled_rmse_interval,
+            d1_all: summary.d1_all,
+            d1_all_interval: summary.d1_all_interval,
+            interval_method: summary
+                .intervals
+                .map(|_| format!("{METHOD} over {}", summary.clusters)),
+            images: Some(summary.images),
+            expected_images: Some(expected_images),
+            pixels: Some(summary.pixels),
+            floored_pixels: Some(summary.floored_pixels),
+            protocol_digest: Some(context.protocol_digest.clone()),
+            data_digest: Some(context.data_digest.clone()),
+            runtime: filled(&model.distinct(|context| &context.runtime)),
+            provider: filled(&model.distinct(|context| &context.provider)),
+            tool_version: filled(&model.distinct(|context| &context.tool_version)),
+        });
+    }
+    entries
 }
 
 /// Lines of all figures in the thesis' tables 3.1, 3.2 and 3.3, and of newer models.

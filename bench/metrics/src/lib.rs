@@ -50,6 +50,7 @@ pub mod leaderboard;
 mod metrics;
 mod protocol;
 pub mod published;
+pub mod ranking;
 pub mod rows;
 pub mod statistics;
 pub mod study;

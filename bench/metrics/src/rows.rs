@@ -359,6 +359,64 @@ pub struct ModelRows<'a> {
 }
 
 impl<'a> ModelRows<'a> {
+    /// Rows of one model under one protocol, brought into order.
+    ///
+    /// # Errors
+    /// There are none that belong together: two models, definitions or data sets, or an image twice.
+    ///
+    /// # Panics
+    /// Without any row.
+    pub fn new(mut rows: Vec<&'a Row>) -> Result<Self, RowsError> {
+        assert!(!rows.is_empty(), "rows of a model are never empty");
+        rows.sort_by(|a, b| a.key().cmp(&b.key()));
+        let model = Self { rows };
+        model.check()?;
+        Ok(model)
+    }
+
+    fn check(&self) -> Result<(), RowsError> {
+        let first = self.context();
+        for row in &self.rows {
+            let other = &row.context;
+            fn variant(context: &RowContext) -> &str {
+                context.variant.as_deref().unwrap_or_default()
+            }
+            for (what, a, b) in [
+                ("model_hash", &*first.model_hash, &*other.model_hash),
+                ("variant", variant(first), variant(other)),
+                (
+                    "protocol_digest",
+                    &first.protocol_digest,
+                    &other.protocol_digest,
+                ),
+                ("data_digest", &first.data_digest, &other.data_digest),
+                ("split", &first.split, &other.split),
+            ] {
+                if a != b {
+                    return Err(RowsError::Mixed {
+                        model: first.model.clone(),
+                        protocol: first.protocol.clone(),
+                        what,
+                        first: a.to_owned(),
+                        second: b.to_owned(),
+                    });
+                }
+            }
+        }
+        if let Some(pair) = self
+            .rows
+            .windows(2)
+            .find(|pair| pair[0].key() == pair[1].key())
+        {
+            return Err(RowsError::Duplicate {
+                model: first.model.clone(),
+                protocol: first.protocol.clone(),
+                image: pair[0].image.clone(),
+            });
+        }
+        Ok(())
+    }
+
     /// The rows.
     pub fn rows(&self) -> &[&'a Row] {
         &self.rows
@@ -394,66 +452,18 @@ impl<'a> ModelRows<'a> {
 /// # Errors
 /// Rows that do not belong together, or an image twice.
 pub fn by_model<'a>(rows: &'a [Row], protocol: &str) -> Result<Vec<ModelRows<'a>>, RowsError> {
-    let mut models: Vec<ModelRows<'a>> = Vec::new();
+    let mut models: Vec<Vec<&'a Row>> = Vec::new();
     let mut indices = BTreeMap::new();
     for row in rows.iter().filter(|row| row.context.protocol == protocol) {
         let index = *indices
             .entry(row.context.model.as_str())
             .or_insert_with(|| {
-                models.push(ModelRows { rows: Vec::new() });
+                models.push(Vec::new());
                 models.len() - 1
             });
-        models[index].rows.push(row);
+        models[index].push(row);
     }
-    for model in &mut models {
-        model.rows.sort_by(|a, b| a.key().cmp(&b.key()));
-        let first = model.context();
-        for row in &model.rows {
-            let other = &row.context;
-            let variant = |context: &RowContext| context.variant.clone().unwrap_or_default();
-            for (what, a, b) in [
-                (
-                    "model_hash",
-                    first.model_hash.clone(),
-                    other.model_hash.clone(),
-                ),
-                ("variant", variant(first), variant(other)),
-                (
-                    "protocol_digest",
-                    first.protocol_digest.clone(),
-                    other.protocol_digest.clone(),
-                ),
-                (
-                    "data_digest",
-                    first.data_digest.clone(),
-                    other.data_digest.clone(),
-                ),
-                ("split", first.split.clone(), other.split.clone()),
-            ] {
-                if a != b {
-                    return Err(RowsError::Mixed {
-                        model: first.model.clone(),
-                        protocol: first.protocol.clone(),
-                        what,
-                        first: a,
-                        second: b,
-                    });
-                }
-            }
-        }
-        if let Some(pair) = model
-            .rows
-            .windows(2)
-            .find(|pair| pair[0].key() == pair[1].key())
-        {
-            return Err(RowsError::Duplicate {
-                model: first.model.clone(),
-                protocol: first.protocol.clone(),
-                image: pair[0].image.clone(),
-            });
-        }
-    }
-    Ok(models)
+    models.into_iter().map(ModelRows::new).collect()
 }
 
 #[cfg(test)]

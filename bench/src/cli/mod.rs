@@ -12,6 +12,7 @@ mod devices;
 mod evaluate;
 mod figures;
 mod latency;
+mod leaderboard;
 mod merge;
 mod model_process;
 mod predict;
@@ -125,7 +126,9 @@ enum Command {
     Protocols(protocols::ProtocolsArgs),
     /// Test the differences between models over the images both have
     Compare(compare::CompareArgs),
-    /// Add measured lines to a leaderboard, or merge leaderboards
+    /// Host a leaderboard: lay it out, check its submissions
+    Leaderboard(leaderboard::LeaderboardArgs),
+    /// Write a submission to a leaderboard, add lines to a leaderboard file, or merge files
     Publish(publish::PublishArgs),
     /// Derive every measured line of a leaderboard again from its rows
     VerifyLeaderboard(verify::VerifyArgs),
@@ -198,6 +201,7 @@ fn run(asked: Asked, arguments: Vec<String>) -> anyhow::Result<u8> {
         Command::Figures(args) => figures::run(&args, arguments),
         Command::Protocols(args) => protocols::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Leaderboard(args) => leaderboard::run(&args),
         Command::Publish(args) => publish::run(&args),
         Command::VerifyLeaderboard(args) => verify::run(&args),
         Command::Render(args) => render::run(&args),

@@ -1,88 +1,20 @@
-//! Whether a model was trained on places it is now tested on.
-//!
-//! The two splits share drives: half of the Eigen test images lie in training drives of the KITTI
-//! split, and most stereo-2015 images with a known origin are Eigen training frames (PROTOCOL 2.3).
-//! A model that names the drives it was trained on is checked drive by drive; one that names only
-//! its split can be warned about but not cleared. Not here: what is done about it; the tables are
-//! still made.
-
-use std::collections::BTreeSet;
+//! Whether a model was trained on places it is now tested on: [`strat_splits::leakage()`] for what a
+//! model's metadata tells. Not here: what is done about it; the tables are still made.
 
 use strat_onnx::metadata::ModelMetadata;
-use strat_splits::{Split, kitti2015_origin};
+pub use strat_splits::Leakage;
+use strat_splits::{Training, leakage};
 use strat_store::set::{Content, Sample};
 
-/// What is known about training places among the test images.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Leakage {
-    /// No test image comes from a drive of the training.
-    None,
-    /// Some do.
-    Drives {
-        /// The drives, sorted.
-        drives: Vec<String>,
-        /// Test images from them.
-        images: usize,
-    },
-    /// The model was trained on the other split and does not name its drives.
-    OtherSplit {
-        /// Name of the training split.
-        trained: String,
-    },
-    /// The model says nothing about its training, or not all of it.
-    Unknown,
-}
-
 /// Compares the training that `metadata` tells of with the test images of `tested`.
-///
-/// Stereo-2015 images count as frames of the drive they were taken from, where that is known.
 pub fn check(metadata: Option<&ModelMetadata>, tested: Content, samples: &[Sample]) -> Leakage {
-    let Some(metadata) = metadata else {
-        return Leakage::Unknown;
-    };
-    // A model that grew from other weights has seen what those had seen.
-    let cleared = if metadata.unknown_start.is_some() {
-        Leakage::Unknown
-    } else {
-        Leakage::None
-    };
-    if metadata.train_drives.is_empty() {
-        return match &metadata.split {
-            Some(trained) if *trained == tested.to_string() => cleared,
-            // Other collections share no image with KITTI.
-            Some(trained) if trained.parse::<Split>().is_ok() && tested.split().is_none() => {
-                cleared
-            }
-            Some(trained) => Leakage::OtherSplit {
-                trained: trained.clone(),
-            },
-            None => Leakage::Unknown,
-        };
-    }
-    let trained: BTreeSet<&str> = metadata.train_drives.iter().map(String::as_str).collect();
-    let seen: Vec<String> = samples
-        .iter()
-        .filter_map(drive_of)
-        .filter(|drive| trained.contains(drive.as_str()))
-        .collect();
-    if seen.is_empty() {
-        return cleared;
-    }
-    Leakage::Drives {
-        images: seen.len(),
-        drives: BTreeSet::from_iter(seen).into_iter().collect(),
-    }
-}
-
-/// The drive of a sample such as `2011_09_26_drive_0001/0000000005` or `kitti2015/000006`.
-fn drive_of(sample: &Sample) -> Option<String> {
-    let drive = sample.drive();
-    if drive == "kitti2015" {
-        let number: usize = sample.id.rsplit('/').next()?.parse().ok()?;
-        let origin = (*kitti2015_origin().get(number)?)?;
-        return Some(origin.drive.to_string());
-    }
-    Some(drive.to_owned())
+    let training = metadata.map(|metadata| Training {
+        split: metadata.split.as_deref(),
+        drives: &metadata.train_drives,
+        unknown_start: metadata.unknown_start.is_some(),
+    });
+    let images = samples.iter().map(|sample| sample.id.as_str());
+    leakage(training, &tested.to_string(), images)
 }
 
 #[cfg(test)]

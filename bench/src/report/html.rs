@@ -1,6 +1,8 @@
 //! Pieces of HTML that several sections share.
 
 use maud::{Markup, html};
+use strat_leaderboard::web::interval_text;
+pub(super) use strat_leaderboard::web::{scrolling, warning};
 use strat_metrics::{
     FurtherMetric, Metric,
     leaderboard::Entry,
@@ -8,31 +10,6 @@ use strat_metrics::{
     statistics::Interval,
     tables::{Cell, Line, Table, ThesisTable},
 };
-
-pub(super) fn warning<'a>(words: &str, sentences: impl IntoIterator<Item = &'a String>) -> Markup {
-    html! {
-        div.warn role="note" {
-            p { (words) }
-            ul { @for sentence in sentences { li { (sentence) } } }
-        }
-    }
-}
-
-/// A table that scrolls within itself on narrow screens.
-pub(super) fn scrolling(label: &str, caption: &str, table: &Markup) -> Markup {
-    html! {
-        @if !caption.is_empty() { p.caption { (caption) } }
-        div.scroll role="region" tabindex="0" aria-label=(label) { (table) }
-    }
-}
-
-pub(super) fn interval_text(interval: Option<Interval>) -> Markup {
-    html! {
-        @if let Some(Interval { low, high }) = interval {
-            small { (format!("{low:.3} to {high:.3}")) }
-        }
-    }
-}
 
 /// A figure with its interval below.
 pub(super) fn figure(value: Option<f64>, interval: Option<Interval>) -> Markup {

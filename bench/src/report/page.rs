@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
+use strat_leaderboard::web::{SORT, STYLE};
 use strat_metrics::tables::Source;
 
 use super::{
@@ -13,9 +14,6 @@ use super::{
     origin::{protocols, provenance},
     speed::latency,
 };
-
-const STYLE: &str = include_str!("style.css");
-const SCRIPT: &str = include_str!("sort.js");
 
 /// The page may load nothing but what is in it.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; \
@@ -99,7 +97,7 @@ pub fn render(title: &str, collected: &Collected) -> Rendered {
                         }
                     }
                 }
-                script { (PreEscaped(SCRIPT)) }
+                script { (PreEscaped(SORT)) }
             }
         }
     }

@@ -33,6 +33,8 @@ pub enum Kind {
     Yaml,
     /// CSV and lists of ids.
     Table,
+    /// Rows and lines that somebody submits to a leaderboard.
+    Submission,
     /// A NumPy array with one map.
     Map,
     /// A NumPy array (or an archive of them) with the maps of many images, read one by one.
@@ -54,6 +56,7 @@ impl Kind {
     pub const fn largest(self) -> u64 {
         match self {
             Self::Calibration | Self::Yaml => MB,
+            Self::Submission => 32 * MB,
             Self::Scan | Self::Matlab | Self::Record => 64 * MB,
             Self::Image | Self::Exr => 256 * MB,
             Self::Map => 512 * MB,
@@ -73,6 +76,7 @@ impl Kind {
             Self::Calibration => "a camera's calibration",
             Self::Yaml => "a YAML file",
             Self::Table => "a table or list",
+            Self::Submission => "a file of a submission",
             Self::Map => "a map as NumPy array",
             Self::Maps => "maps as NumPy arrays",
             Self::Matlab => "a MATLAB file",
@@ -157,13 +161,14 @@ pub fn read(path: &Path, kind: Kind) -> Result<Vec<u8>> {
 mod tests {
     use super::*;
 
-    const KINDS: [Kind; 13] = [
+    const KINDS: [Kind; 14] = [
         Kind::Image,
         Kind::Exr,
         Kind::Scan,
         Kind::Calibration,
         Kind::Yaml,
         Kind::Table,
+        Kind::Submission,
         Kind::Map,
         Kind::Maps,
         Kind::Matlab,

@@ -48,6 +48,10 @@ fn crates_use_only_what_the_architecture_allows() {
         ("strat-store", &["strat-splits", "strat-csv"]),
         ("strat-onnx", &[]),
         ("strat-metrics", &["strat-splits", "strat-csv"]),
+        (
+            "strat-leaderboard",
+            &["strat-splits", "strat-csv", "strat-store", "strat-metrics"],
+        ),
         ("strat-needs", &[]),
         (
             "strat-prep",
@@ -73,6 +77,7 @@ fn crates_use_only_what_the_architecture_allows() {
                 "strat-store",
                 "strat-onnx",
                 "strat-metrics",
+                "strat-leaderboard",
             ],
         ),
         (

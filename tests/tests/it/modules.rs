@@ -340,6 +340,7 @@ fn modules_of_a_crate_form_no_circle() {
         "train",
         "train/onnx",
         "bench",
+        "bench/leaderboard",
         "bench/metrics",
         "tests",
         "tests/needs",

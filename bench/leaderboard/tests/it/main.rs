@@ -1,0 +1,6 @@
+//! Leaderboards from outside: what is submitted, checked and shown.
+
+mod fixtures;
+mod hostile;
+mod pages;
+mod submissions;
