@@ -205,15 +205,16 @@ pub(crate) fn draft(run: &Run, model: &RunModel, partial: bool) -> String {
 }
 
 fn training(metadata: &Metadata, note: Option<&str>) -> String {
-    let Some(split) = &metadata.split else {
-        return match note {
-            Some(note) if check_prose(note).is_ok() => note.to_owned(),
-            _ => FILL_IN.to_owned(),
-        };
+    let mut text = match (&metadata.split, note) {
+        (Some(split), _) => format!("{split} split"),
+        (None, _) if !metadata.train_drives.is_empty() => "KITTI raw".to_owned(),
+        (None, Some(note)) if check_prose(note).is_ok() => return note.to_owned(),
+        (None, _) => return FILL_IN.to_owned(),
     };
-    let mut text = format!("{split} split");
-    if !metadata.train_drives.is_empty() {
-        text += &format!(", {} drives", metadata.train_drives.len());
+    match metadata.train_drives.len() {
+        0 => {}
+        1 => text += ", 1 drive",
+        drives => text += &format!(", {drives} drives"),
     }
     if let Some(digest) = &metadata.train_data_digest {
         text += &format!(", data {digest:.12}");

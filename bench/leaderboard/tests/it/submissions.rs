@@ -27,7 +27,7 @@ fn a_submission_is_the_same_again_and_keeps_its_card() {
     for line in [
         "method: \"strat\"",
         "seed: 3",
-        "training: \"eigen split, 1 drives\"",
+        "training: \"eigen split, 1 drive\"",
         "parameters: 7",
     ] {
         assert!(card.contains(line), "{card}");
