@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use rayon::prelude::*;
 use strat_metrics::compare::TestOptions;
 use strat_metrics::ranking::{Candidate, NoRank, Place, rank};
 use strat_metrics::{Group, Grouping, Metric, Protocol, ProtocolName, Suffix, protocol};
@@ -175,21 +176,24 @@ fn section<'a>(
     let taking_part: Vec<usize> = taking_part
         .filter(|&index| most.is_some_and(|most| images(index) == images(most)))
         .collect();
-    let mut recordings = 0;
-    for metric in Metric::ALL {
-        let candidates: Vec<Candidate> = taking_part
-            .iter()
-            .map(|&index| candidate(methods[index].measured, metric))
-            .collect();
-        recordings = candidates.first().map_or(0, |one| one.totals.len());
-        let (places, why) = rank(
-            &candidates,
-            metric.lower_is_better(),
-            &TestOptions::default(),
-        );
-        no_rank[metric as usize] = why;
+    let ranked: Vec<(usize, (Vec<Place>, Option<NoRank>))> = Metric::ALL
+        .into_par_iter()
+        .map(|metric| {
+            let of = |&index: &usize| candidate(methods[index].measured, metric);
+            let candidates: Vec<Candidate> = taking_part.iter().map(of).collect();
+            let recordings = candidates.first().map_or(0, |one| one.totals.len());
+            let options = TestOptions::default();
+            (
+                recordings,
+                rank(&candidates, metric.lower_is_better(), &options),
+            )
+        })
+        .collect();
+    let recordings = ranked.first().map_or(0, |(recordings, _)| *recordings);
+    for (metric, (_, (places, why))) in ranked.into_iter().enumerate() {
+        no_rank[metric] = why;
         for (&index, place) in taking_part.iter().zip(places) {
-            methods[index].places[metric as usize] = place;
+            methods[index].places[metric] = place;
         }
     }
     let first = first_metric(&protocol);

@@ -66,12 +66,12 @@ impl SignFlips {
         let tables: Vec<[f64; 256]> = differences.chunks(8).map(table).collect();
         let words = self.recordings.div_ceil(64);
         let hits = self.patterns.chunks_exact(words).filter(|pattern| {
-            let bytes = pattern.iter().flat_map(|word| word.to_le_bytes());
-            let sum: f64 = tables
-                .iter()
-                .zip(bytes)
-                .map(|(table, byte)| table[usize::from(byte)])
-                .sum();
+            let mut sum = 0.0;
+            for (word, tables) in pattern.iter().zip(tables.chunks(8)) {
+                for (byte, table) in tables.iter().enumerate() {
+                    sum += table[(word >> (8 * byte) & 0xff) as usize];
+                }
+            }
             sum.abs() >= observed - slack
         });
         let hits = hits.count() as f64;
