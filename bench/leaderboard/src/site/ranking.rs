@@ -88,13 +88,13 @@ fn parts<'a>(checked: &'a Checked, sections: &'a [Section<'a>], page: &str) -> V
         let Some(rules) = protocol(&name) else {
             continue;
         };
-        let group_name = group.map_or(String::new(), |group| format!("{group}, "));
+        let group_name = group.map_or(String::new(), |group| format!(", {group}"));
         parts.push(Part {
             id: format!(
                 "{name}{}-published",
                 group.map_or(String::new(), |g| format!(".{g}"))
             ),
-            heading: format!("{group_name}published numbers"),
+            heading: format!("Published numbers{group_name}"),
             protocol: rules,
             section: None,
             published: published_under(&checked.published, &name, group),
