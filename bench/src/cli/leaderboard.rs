@@ -14,7 +14,7 @@ use crate::rows::leaderboard;
 #[command(
     after_help = "\
 Examples:
-  bench leaderboard init depth-board --title \"Depth on KITTI\" --data prepared/eigen
+  bench leaderboard init depth-board --title Depth --data prepared/eigen
   bench publish --rows results/rows.csv --submission depth-board/submissions/strat
   bench leaderboard check depth-board
   bench leaderboard page depth-board --out site

@@ -2,5 +2,6 @@
 
 mod fixtures;
 mod hostile;
+mod own;
 mod pages;
 mod submissions;

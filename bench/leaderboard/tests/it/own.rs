@@ -1,0 +1,47 @@
+//! The leaderboard that this repository carries.
+
+use std::path::Path;
+
+use strat_leaderboard::check::check;
+use strat_leaderboard::section::sections;
+use strat_leaderboard::site;
+
+#[test]
+fn the_repositorys_own_leaderboard_is_good_and_can_be_shown() {
+    let board = Path::new(env!("CARGO_MANIFEST_DIR")).join("board");
+    let checked = check(&board, true).unwrap();
+    assert_eq!(checked.problems, []);
+    assert_eq!(
+        (checked.submissions.len(), checked.published.len()),
+        (6, 47)
+    );
+    // Nothing of it is KITTI's, so nothing stands beside published rows.
+    assert!(
+        checked
+            .board
+            .data
+            .iter()
+            .all(|data| data.source == "rendered" && !data.competes())
+    );
+    let all = sections(&checked);
+    let ranks: Vec<(&str, Option<usize>)> = all[0]
+        .methods
+        .iter()
+        .map(|method| (method.submission.id.as_str(), method.places[0].rank))
+        .collect();
+    // As README.md of the board says.
+    assert_eq!(
+        ranks,
+        [
+            ("fixed-1", Some(1)),
+            ("strat-1", Some(1)),
+            ("no-adv-1", Some(3)),
+            ("median-depth", Some(4)),
+            ("constant", Some(5)),
+            ("flat_road", Some(6)),
+        ]
+    );
+    let out = tempfile::tempdir().unwrap();
+    let written = site::write(&checked, &out.path().join("site")).unwrap();
+    assert!(written.bytes < 2_000_000, "{written:?}");
+}
