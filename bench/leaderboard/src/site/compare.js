@@ -169,7 +169,7 @@ function fill(table, header, lines) {
 }
 
 const signed = (value) => (value < 0 ? "" : "+") + value.toFixed(5);
-const pText = (p) => (p === null ? "-" : p < 0.001 ? "<0.001" : p.toFixed(3));
+const pText = (p) => (p === null ? "-" : p < 0.0001 ? "<0.0001" : p.toFixed(4));
 
 function scatter(common, index, names) {
   const size = 420;

@@ -1,5 +1,6 @@
 //! Leaderboards from outside: what is submitted, checked and shown.
 
+mod browser;
 mod fixtures;
 mod hostile;
 mod own;

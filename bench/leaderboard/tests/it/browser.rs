@@ -1,0 +1,105 @@
+//! The comparison page in a browser, from the file system.
+
+use std::fs;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use strat_leaderboard::check::check;
+use strat_leaderboard::section::sections;
+use strat_leaderboard::site;
+use strat_metrics::compare::{TestOptions, compare};
+use strat_metrics::rows::{self, by_model};
+use strat_metrics::{Metric, Row};
+use strat_needs::Need;
+
+fn chromium() -> Option<&'static str> {
+    let known = ["chromium", "chromium-browser", "google-chrome"];
+    known.into_iter().find(|name| {
+        let started = Command::new(name).arg("--version").output();
+        started.is_ok_and(|output| output.status.success())
+    })
+}
+
+fn board() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("board")
+}
+
+fn rows_of(id: &str) -> Vec<Row> {
+    let file = fs::File::open(board().join("submissions").join(id).join("rows.csv.gz")).unwrap();
+    let mut bytes = Vec::new();
+    flate2::read::GzDecoder::new(file)
+        .read_to_end(&mut bytes)
+        .unwrap();
+    rows::read(bytes.as_slice()).unwrap()
+}
+
+/// Means, differences, intervals and p values that the page computes are those of `bench compare`.
+#[test]
+fn a_browser_computes_what_bench_compare_does() {
+    let Some(chromium) = chromium() else {
+        Need::Chromium.is_lacking("none in the path");
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let checked = check(&board(), true).unwrap();
+    let section = sections(&checked)[0].id.clone();
+    let out = folder.path().join("site");
+    site::write(&checked, &out).unwrap();
+    let output = Command::new(chromium)
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--virtual-time-budget=20000",
+            "--dump-dom",
+        ])
+        .arg(format!(
+            "--user-data-dir={}",
+            folder.path().join("profile").display()
+        ))
+        .arg(format!(
+            "file://{}#section={section}&a=strat-1&b=no-adv-1&metric=rmse",
+            out.join("compare.html").display()
+        ))
+        .output()
+        .unwrap();
+    let page = String::from_utf8_lossy(&output.stdout);
+    let both = [rows_of("strat-1"), rows_of("no-adv-1")].concat();
+    let models = by_model(&both, "eigen-80").unwrap();
+    let tests = compare(&[(&models[0], &models[1])], &TestOptions::default()).unwrap();
+    for (metric, test) in Metric::ALL.into_iter().zip(&tests) {
+        let interval = test.interval.unwrap();
+        let p = test.p_permutation.unwrap();
+        let cells = [
+            format!("{:.4}", test.mean_a),
+            format!("{:.4}", test.mean_b),
+            format!("{:+.5}", test.difference),
+            format!("{:+.5} .. {:+.5}", interval.low, interval.high),
+            if p < 0.0001 {
+                "&lt;0.0001".to_owned()
+            } else {
+                format!("{p:.4}")
+            },
+        ];
+        let heading = metric.heading().replace('<', "&lt;");
+        let line: String = cells
+            .iter()
+            .map(|cell| format!("<td class=\"n\">{cell}</td>"))
+            .collect();
+        let line = format!("<th scope=\"row\">{heading}</th>{line}");
+        assert!(
+            page.contains(&line),
+            "{line} is not in the page:\n{}\n{}",
+            page.split("id=\"means\"")
+                .nth(1)
+                .unwrap_or(&page)
+                .chars()
+                .take(3000)
+                .collect::<String>(),
+            String::from_utf8_lossy(&output.stderr)
+        );
+    }
+    assert!(page.contains("224 images of 28 recordings"));
+    assert!(page.contains("RMSE: better with strat@1"));
+}
