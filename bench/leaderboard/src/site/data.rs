@@ -15,7 +15,7 @@ use strat_metrics::compare::{EXACT_UP_TO, TestOptions};
 use strat_metrics::ranking::SignFlips;
 use strat_splits::{Recording, recording};
 
-use super::Site;
+use super::memory::Site;
 use crate::section::{Method, Section};
 
 pub(super) fn add(site: &mut Site, sections: &[Section<'_>]) {

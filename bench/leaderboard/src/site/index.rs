@@ -6,6 +6,7 @@ use maud::{Markup, html};
 
 use super::frame::{self, number};
 use super::ranking;
+use super::rules::ranking_rules;
 use crate::check::Checked;
 use crate::section::{Method, Section, page_of};
 use crate::web::scrolling;
@@ -107,26 +108,6 @@ fn data_sets(checked: &Checked) -> Markup {
         }
     };
     scrolling("Data sets", "", &body)
-}
-
-/// PROTOCOL 12 in short.
-pub(super) fn ranking_rules() -> Markup {
-    html! {
-        h3 { "What a rank says" }
-        ul {
-            li { "Ranked together are methods with rows for the same images, under the same protocol and the same \
-                  data set, known by their digests. Each alignment is a protocol of its own." }
-            li { "The best mean, and every method that a paired test does not tell apart from it (sign flips of whole \
-                  recordings, p at least 0.05 after Holm), have rank 1. The best of the rest begins the next group; a \
-                  rank is one more than the methods in better groups." }
-            li { "Listed without a rank: partial submissions, models that were or may have been trained on drives of the \
-                  test, published numbers (they have no rows), and everything where so few recordings can tell nothing \
-                  apart." }
-            li { "Intervals are 95 % t intervals over recordings: they speak of the choice of test images, not of the spread \
-                  between training runs. Two intervals that overlap may still belong to methods that are told apart, \
-                  because the test compares image by image." }
-        }
-    }
 }
 
 fn sources(checked: &Checked) -> BTreeSet<&str> {

@@ -16,8 +16,10 @@ mod compare;
 mod data;
 mod frame;
 mod index;
+mod memory;
 mod method;
 mod ranking;
+mod rules;
 mod tables;
 
 use std::collections::BTreeSet;
@@ -26,6 +28,7 @@ use std::path::Path;
 use strat_store::claim::{Found, Mark};
 use strat_store::files;
 
+use self::memory::Site;
 use crate::board::BoardError;
 use crate::check::Checked;
 use crate::section::{Section, sections};
@@ -49,18 +52,6 @@ const FILES: [&str; 6] = [
 ];
 
 const FOLDERS: [&str; 5] = ["protocols", "methods", "badges", "csv", "data"];
-
-/// A site in memory: paths below its folder and bytes.
-#[derive(Debug, Default)]
-pub(crate) struct Site {
-    files: Vec<(String, Vec<u8>)>,
-}
-
-impl Site {
-    fn add(&mut self, path: impl Into<String>, bytes: impl Into<Vec<u8>>) {
-        self.files.push((path.into(), bytes.into()));
-    }
-}
 
 /// What was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

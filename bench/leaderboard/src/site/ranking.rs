@@ -5,6 +5,7 @@ use strat_metrics::{Group, Metric, Protocol, protocol};
 use strat_splits::Leakage;
 
 use super::frame::{self, number, p_text};
+use super::rules::ranking_rules;
 use crate::check::Checked;
 use crate::published::Published;
 use crate::section::{Method, Section, first_metric, leaks, page_of, published_under};
@@ -130,7 +131,7 @@ fn body(checked: &Checked, sections: &[Section<'_>], page: &str) -> Markup {
             p.quiet { "Version " (rules.version) ", digest " code { (rules.digest()) } }
             ul { @for line in rules.describe().lines() { li { (line) } } }
         }
-        (super::index::ranking_rules())
+        (ranking_rules())
     }
 }
 

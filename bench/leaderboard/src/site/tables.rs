@@ -3,7 +3,7 @@
 use strat_metrics::leaderboard::{self, Entry};
 use strat_metrics::{CsvError, Metric};
 
-use super::Site;
+use super::memory::Site;
 use crate::board::BoardError;
 use crate::check::Checked;
 use crate::section::Section;
