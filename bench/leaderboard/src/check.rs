@@ -77,8 +77,9 @@ fn about(submission: &Submission, sentence: String) -> Problem {
 
 /// Methods that are there already under their name, their model or a folder of other letters.
 fn twice(submissions: &[Submission]) -> Vec<Problem> {
+    type Key = fn(&Submission) -> String;
     let mut problems = Vec::new();
-    let keys: [(&str, fn(&Submission) -> String); 3] = [
+    let keys: [(&str, Key); 3] = [
         ("folder", |one| one.id.to_lowercase()),
         ("method", |one| one.card.method.to_lowercase()),
         ("model", |one| one.model_hash.clone()),

@@ -166,6 +166,7 @@ fn section<'a>(
     data: &'a DataSet,
     mut methods: Vec<Method<'a>>,
 ) -> Section<'a> {
+    type Ranked = (Vec<Place>, Option<NoRank>);
     let mut no_rank = [None; 7];
     // Under a group the same images for all who have predicted its pixels everywhere.
     let taking_part = (0..methods.len()).filter(|&index| methods[index].takes_part());
@@ -176,7 +177,7 @@ fn section<'a>(
     let taking_part: Vec<usize> = taking_part
         .filter(|&index| most.is_some_and(|most| images(index) == images(most)))
         .collect();
-    let ranked: Vec<(usize, (Vec<Place>, Option<NoRank>))> = Metric::ALL
+    let ranked: Vec<(usize, Ranked)> = Metric::ALL
         .into_par_iter()
         .map(|metric| {
             let of = |&index: &usize| candidate(methods[index].measured, metric);

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use strat_metrics::{
-    Group, Row,
+    Row,
     leaderboard::{self, Entry},
     rows::ModelRows,
 };
@@ -493,10 +493,4 @@ fn unsaid(scored: &[Scored], run: &Run) -> Option<String> {
             "the warning about leakage is missing: the model was {leak}; submit {RUN} as `bench` wrote it"
         )),
     }
-}
-
-/// The name of a group in addresses: nothing where there is none.
-#[must_use]
-pub fn group_name(group: Option<Group>) -> String {
-    group.map_or(String::new(), |group| group.to_string())
 }
