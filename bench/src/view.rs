@@ -5,7 +5,7 @@
 
 use image::RgbImage;
 use serde::{Deserialize, Serialize};
-use strat_metrics::{BenchmarkCrop, Protocol, benchmark_box};
+use strat_metrics::{BenchmarkCrop, CropBox, Protocol, benchmark_box};
 use strat_store::raster::Plane;
 
 /// An image that the crop cannot be cut out of.
@@ -42,18 +42,28 @@ impl View {
         }
     }
 
+    /// The part of an image of this size, columns and rows, that is seen.
+    ///
+    /// # Errors
+    /// The image is smaller than the crop.
+    pub fn part(self, (width, height): (usize, usize)) -> Result<CropBox, NoCrop> {
+        match self {
+            Self::Whole => Ok(CropBox {
+                top: 0,
+                bottom: height,
+                left: 0,
+                right: width,
+            }),
+            Self::KittiBenchmark => benchmark_box(width, height).ok_or(NoCrop { width, height }),
+        }
+    }
+
     /// Columns and rows of what is seen of an image of this size.
     ///
     /// # Errors
     /// The image is smaller than the crop.
-    pub fn size(self, (width, height): (usize, usize)) -> Result<(usize, usize), NoCrop> {
-        match self {
-            Self::Whole => Ok((width, height)),
-            Self::KittiBenchmark => match benchmark_box(width, height) {
-                Some(cut) => Ok(cut.size()),
-                None => Err(NoCrop { width, height }),
-            },
-        }
+    pub fn size(self, image: (usize, usize)) -> Result<(usize, usize), NoCrop> {
+        Ok(self.part(image)?.size())
     }
 
     /// Cuts an image.
@@ -79,11 +89,10 @@ impl View {
     /// # Errors
     /// The image is smaller than the crop.
     pub fn placed(self, map: Plane, (width, height): (usize, usize)) -> Result<Plane, NoCrop> {
-        let cut = match self {
-            Self::Whole => return Ok(map),
-            Self::KittiBenchmark => benchmark_box(width, height),
-        };
-        let cut = cut.ok_or(NoCrop { width, height })?;
+        let cut = self.part((width, height))?;
+        if self == Self::Whole {
+            return Ok(map);
+        }
         let mut whole = Plane::filled(width, height, 0.0);
         for (row, values) in (cut.top..cut.bottom).zip(map.data.chunks_exact(map.width)) {
             let start = row * width;

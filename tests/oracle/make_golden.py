@@ -83,6 +83,30 @@ def _():
     return [alignment.evaluate(kind, true, made, *rules) for kind, made, *rules in cases]
 
 
+@recipe("align/models")
+def _():
+    """The same for models of three kinds under each alignment that fits them, in four settings."""
+    y, x = np.mgrid[0:375, 0:1242].astype(float)
+    road = np.where(y > 130, 900 / np.maximum(y - 118, 1), 75) + 1.5 * np.sin(x / 60)
+    seen = (y > 120) & ((x * 7 + y * 13) % 5 == 0)
+    true = np.where(seen, np.round(256 * road) / 256, 0).astype(np.float32)
+    wobble = 1 + 0.08 * np.sin(x / 23) * np.cos(y / 17)
+    inverse = (340 * wobble / road + 12).astype(np.float32)
+    inverse[200:204, 300:310] = 0
+    depth = (0.013 * road * wobble + 0.21).astype(np.float32)
+    metric = (0.93 * road * wobble).astype(np.float32)
+    settings = [("garg", 1e-3, 80, False), ("garg", 1e-3, 50, False), ("eigen", 1e-5, 80, True), (None, 1e-3, 80, False)]
+    models = [
+        ("none", metric),
+        ("median", metric),
+        ("scale-depth", metric),
+        ("affine-depth", depth),
+        ("affine-disparity", inverse),
+        ("scale-disparity", inverse),
+    ]
+    return [alignment.evaluate(kind, true, made, *rules) for kind, made in models for rules in settings]
+
+
 @recipe("metrics/eigen")
 def _():
     (plain, _), (_, depth), camera = network_outputs(), truth(), (721.5377, 0.532_725_428)

@@ -148,6 +148,11 @@ impl Fields<'_> {
         self.raw(column).to_owned()
     }
 
+    /// Text, or nothing where the cell is empty.
+    pub(crate) fn optional_text(&self, column: &'static str) -> Option<String> {
+        Some(self.text(column)).filter(|text| !text.is_empty())
+    }
+
     /// Text that must be there.
     pub(crate) fn required(&self, column: &'static str) -> Result<String, CsvError> {
         if self.raw(column).is_empty() {

@@ -19,9 +19,9 @@ use serde::{Deserialize, Serialize};
 use strat_splits::{Recording, recording};
 
 use crate::interval::{Range, check, ratio_interval};
-use crate::metrics::Metric;
+use crate::metrics::{FurtherMetric, Metric};
 use crate::protocol::Group;
-use crate::rows::ModelRows;
+use crate::rows::{ModelRows, Row};
 use crate::statistics::{Clusters, Interval, NoInterval, mean};
 
 /// Up to this many clusters all 2^n sign patterns are counted.
@@ -130,6 +130,19 @@ pub enum CompareError {
         /// The digests in the models' rows.
         values: String,
     },
+    /// The further metrics were not measured.
+    #[error(
+        "models {first} and {second} have no image under {protocol} that both have the further metrics of \
+         (columns silog to sq_rel_2); measure them again with `--metrics`"
+    )]
+    NotMeasured {
+        /// A model.
+        first: String,
+        /// Another model.
+        second: String,
+        /// Name of the protocol.
+        protocol: String,
+    },
     /// Two models without a common image.
     #[error("models {first} and {second} have no image in common under {protocol}")]
     NothingInCommon {
@@ -142,18 +155,20 @@ pub enum CompareError {
     },
 }
 
-/// Tests the given pairs of models, all metrics and groups. Tests of one call under one protocol are
-/// corrected together, errors and accuracies apart, so give all pairs at once.
+/// Tests the given pairs of models, all groups and the seven metrics, with `further` also those of
+/// PROTOCOL 10.3 where both models have them. Tests of one call under one protocol are corrected
+/// together, errors and accuracies apart, so give all pairs at once.
 ///
 /// # Errors
-/// A pair of different protocols, data sets or images.
+/// A pair of different protocols, data sets or images, and further metrics that a model lacks.
 pub fn compare(
     pairs: &[(&ModelRows<'_>, &ModelRows<'_>)],
+    further: bool,
     options: &TestOptions,
 ) -> Result<Vec<PairedTest>, CompareError> {
     let mut tests = Vec::new();
     for (a, b) in pairs {
-        tests.extend(one_pair(a, b, options)?);
+        tests.extend(one_pair(a, b, further, options)?);
     }
     let families: BTreeSet<(String, bool)> = tests.iter().map(PairedTest::family).collect();
     for family in families {
@@ -176,6 +191,7 @@ pub fn compare(
 fn one_pair(
     a: &ModelRows<'_>,
     b: &ModelRows<'_>,
+    further: bool,
     options: &TestOptions,
 ) -> Result<Vec<PairedTest>, CompareError> {
     let (first, second) = (a.context(), b.context());
@@ -202,67 +218,13 @@ fn one_pair(
     }
     let mut tests = Vec::new();
     for group in std::iter::once(None).chain(Group::all().map(Some)) {
-        let (of_a, of_b) = (a.of_group(group), b.of_group(group));
-        let by_image: BTreeMap<&str, [f64; 7]> = of_a
-            .iter()
-            .map(|row| (row.image.as_str(), row.score.metrics.to_array()))
-            .collect();
-        let mut common: Vec<(&str, [f64; 7], [f64; 7])> = of_b
-            .iter()
-            .filter_map(|row| {
-                let a = by_image.get(row.image.as_str())?;
-                Some((row.image.as_str(), *a, row.score.metrics.to_array()))
-            })
-            .collect();
-        common.sort_by_key(|(image, ..)| *image);
-        let difference = mean(common.iter().map(|(image, a, b)| {
-            let difference: [f64; 7] = std::array::from_fn(|index| b[index] - a[index]);
-            (*image, difference)
-        }));
-        let Some(difference) = difference else {
-            continue;
-        };
-        let all: BTreeSet<&str> = of_a.iter().chain(&of_b).map(|r| r.image.as_str()).collect();
-        let count = common.len() as f64;
-        for metric in Metric::ALL {
-            let index = metric as usize;
-            let mut sums: BTreeMap<Recording<'_>, (f64, f64)> = BTreeMap::new();
-            for (image, a, b) in &common {
-                let (sum, images) = sums.entry(recording(image)).or_default();
-                *sum += b[index] - a[index];
-                *images += 1.0;
-            }
-            let recordings = Clusters::count(sums.keys().copied());
-            let sums: Vec<(f64, f64)> = sums.into_values().collect();
-            let totals: Vec<f64> = sums.iter().map(|(sum, _)| *sum).collect();
-            let means: Vec<f64> = sums.iter().map(|(sum, images)| sum / images).collect();
-            let sizes: Vec<f64> = sums.iter().map(|(_, images)| *images).collect();
-            let no_interval = check(&sizes).err();
-            tests.push(PairedTest {
-                protocol: first.protocol.clone(),
-                group,
-                model_a: first.model.clone(),
-                model_b: second.model.clone(),
-                metric: metric.name(),
-                lower_is_better: metric.lower_is_better(),
-                images: common.len() as u64,
-                unpaired_images: (all.len() - common.len()) as u64,
-                clusters: recordings.total(),
-                recordings,
-                mean_a: common.iter().map(|(_, a, _)| a[index]).sum::<f64>() / count,
-                mean_b: common.iter().map(|(_, _, b)| b[index]).sum::<f64>() / count,
-                difference: difference[index],
-                interval: no_interval
-                    .is_none()
-                    .then(|| ratio_interval(&sums, Range::Any)),
-                no_interval,
-                p_permutation: sign_flip(&totals, options.permutations, options.seed),
-                exact: totals.len() <= EXACT_UP_TO,
-                p_wilcoxon: wilcoxon(&means),
-                p_holm: None,
-                family: 0,
-                smallest_p: smallest_p(&totals, options.permutations),
-            });
+        let seven = Metric::ALL.map(|metric| (metric.name(), metric.lower_is_better()));
+        let seven = (seven, |row: &Row| Some(row.score.metrics.to_array()));
+        tests.extend(of_group(a, b, group, seven, options));
+        if further {
+            let more = FurtherMetric::ALL.map(|metric| (metric.name(), true));
+            let more = (more, |row: &Row| Some(row.score.further?.to_array()));
+            tests.extend(of_group(a, b, group, more, options));
         }
     }
     if tests.is_empty() {
@@ -272,7 +234,92 @@ fn one_pair(
             protocol: first.protocol.clone(),
         });
     }
+    let is_further = |test: &PairedTest| {
+        let mut names = FurtherMetric::ALL.iter().map(|metric| metric.name());
+        names.any(|name| name == test.metric)
+    };
+    if further && !tests.iter().any(is_further) {
+        return Err(CompareError::NotMeasured {
+            first: first.model.clone(),
+            second: second.model.clone(),
+            protocol: first.protocol.clone(),
+        });
+    }
     Ok(tests)
+}
+
+/// Tests of some metrics, given by name and whether lower is better with their values in a row, over the
+/// images of a group that have them in both models; none where there is no such image.
+fn of_group<const N: usize>(
+    a: &ModelRows<'_>,
+    b: &ModelRows<'_>,
+    group: Option<Group>,
+    (metrics, values): ([(&'static str, bool); N], impl Fn(&Row) -> Option<[f64; N]>),
+    options: &TestOptions,
+) -> Vec<PairedTest> {
+    let (first, second) = (a.context(), b.context());
+    let (of_a, of_b) = (a.of_group(group), b.of_group(group));
+    let by_image: BTreeMap<&str, [f64; N]> = of_a
+        .iter()
+        .filter_map(|row| Some((row.image.as_str(), values(row)?)))
+        .collect();
+    let mut common: Vec<(&str, [f64; N], [f64; N])> = of_b
+        .iter()
+        .filter_map(|row| {
+            let a = by_image.get(row.image.as_str())?;
+            Some((row.image.as_str(), *a, values(row)?))
+        })
+        .collect();
+    common.sort_by_key(|(image, ..)| *image);
+    let difference = mean(common.iter().map(|(image, a, b)| {
+        let difference: [f64; N] = std::array::from_fn(|index| b[index] - a[index]);
+        (*image, difference)
+    }));
+    let Some(difference) = difference else {
+        return Vec::new();
+    };
+    let all: BTreeSet<&str> = of_a.iter().chain(&of_b).map(|r| r.image.as_str()).collect();
+    let count = common.len() as f64;
+    let test = |(index, (name, lower_is_better)): (usize, (&'static str, bool))| {
+        let mut sums: BTreeMap<Recording<'_>, (f64, f64)> = BTreeMap::new();
+        for (image, a, b) in &common {
+            let (sum, images) = sums.entry(recording(image)).or_default();
+            *sum += b[index] - a[index];
+            *images += 1.0;
+        }
+        let recordings = Clusters::count(sums.keys().copied());
+        let sums: Vec<(f64, f64)> = sums.into_values().collect();
+        let totals: Vec<f64> = sums.iter().map(|(sum, _)| *sum).collect();
+        let means: Vec<f64> = sums.iter().map(|(sum, images)| sum / images).collect();
+        let sizes: Vec<f64> = sums.iter().map(|(_, images)| *images).collect();
+        let no_interval = check(&sizes).err();
+        PairedTest {
+            protocol: first.protocol.clone(),
+            group,
+            model_a: first.model.clone(),
+            model_b: second.model.clone(),
+            metric: name,
+            lower_is_better,
+            images: common.len() as u64,
+            unpaired_images: (all.len() - common.len()) as u64,
+            clusters: recordings.total(),
+            recordings,
+            mean_a: common.iter().map(|(_, a, _)| a[index]).sum::<f64>() / count,
+            mean_b: common.iter().map(|(_, _, b)| b[index]).sum::<f64>() / count,
+            difference: difference[index],
+            interval: no_interval
+                .is_none()
+                .then(|| ratio_interval(&sums, Range::Any)),
+            no_interval,
+            p_permutation: sign_flip(&totals, options.permutations, options.seed),
+            exact: totals.len() <= EXACT_UP_TO,
+            p_wilcoxon: wilcoxon(&means),
+            p_holm: None,
+            family: 0,
+            smallest_p: smallest_p(&totals, options.permutations),
+        }
+    };
+    metrics.into_iter().enumerate().map(test).collect()
 }
 
 /// Two-sided p of the hypothesis that the sign of each difference is a coin's: the share of sign
@@ -396,6 +443,7 @@ mod tests {
     use rand::RngExt as _;
 
     use super::*;
+    use crate::FurtherMetrics;
     use crate::rows::tests::sample;
     use crate::rows::{Row, by_model};
 
@@ -495,7 +543,7 @@ mod tests {
         all.extend(rows("b", 0.01).into_iter().skip(1));
         let models = by_model(&all, "eigen-80").unwrap();
         let pairs = [(&models[0], &models[1])];
-        let tests = compare(&pairs, &TestOptions::default()).unwrap();
+        let tests = compare(&pairs, false, &TestOptions::default()).unwrap();
         assert_eq!(tests.len(), 7);
         for test in &tests {
             assert_eq!(
@@ -534,7 +582,7 @@ mod tests {
         }
         all.extend(b);
         let models = by_model(&all, "eigen-80").unwrap();
-        let tests = compare(&[(&models[0], &models[1])], &TestOptions::default()).unwrap();
+        let tests = compare(&[(&models[0], &models[1])], false, &TestOptions::default()).unwrap();
         let interval = tests[0].interval.unwrap();
         assert!((tests[0].difference + 0.006).abs() < 1e-12);
         assert!(
@@ -559,7 +607,7 @@ mod tests {
             }));
         }
         let models = by_model(&all, "kitti2015").unwrap();
-        let tests = compare(&[(&models[0], &models[1])], &TestOptions::default()).unwrap();
+        let tests = compare(&[(&models[0], &models[1])], false, &TestOptions::default()).unwrap();
         let drives = tests[0].clusters;
         assert_eq!(tests[0].recordings.drives, drives, "all known");
         assert!(drives < 8, "{drives}");
@@ -579,11 +627,50 @@ mod tests {
         let (near, far) = (by_model(&capped, "eigen-50"), by_model(&all, "eigen-80"));
         let (near, far) = (near.unwrap(), far.unwrap());
         let pairs = [(&far[0], &far[1]), (&near[0], &near[1])];
-        let tests = compare(&pairs, &TestOptions::default()).unwrap();
+        let tests = compare(&pairs, false, &TestOptions::default()).unwrap();
         assert_eq!(tests.len(), 14);
         for test in &tests {
             assert_eq!(test.family, if test.lower_is_better { 4 } else { 3 });
         }
+    }
+
+    /// Further metrics are errors among the others, over the images that both models have them for; the
+    /// seven stay what they are.
+    #[test]
+    fn further_metrics_are_tested_where_they_were_measured() {
+        let mut all = rows("a", 0.0);
+        all.extend(rows("b", 0.01));
+        let seven = {
+            let models = by_model(&all, "eigen-80").unwrap();
+            let options = TestOptions::default();
+            let refused = compare(&[(&models[0], &models[1])], true, &options);
+            let error = refused.unwrap_err().to_string();
+            assert!(error.contains("`--metrics`"), "{error}");
+            compare(&[(&models[0], &models[1])], false, &options).unwrap()
+        };
+        for (i, row) in all.iter_mut().enumerate().skip(1) {
+            let silog = 10.0 + row.score.metrics.abs_rel + i as f64;
+            row.score.further = Some(FurtherMetrics {
+                silog,
+                ..FurtherMetrics::default()
+            });
+        }
+        let models = by_model(&all, "eigen-80").unwrap();
+        let pair = [(&models[0], &models[1])];
+        let tests = compare(&pair, true, &TestOptions::default()).unwrap();
+        assert_eq!(tests.len(), 12);
+        for (with, without) in tests.iter().zip(&seven) {
+            assert_eq!(with.p_permutation, without.p_permutation);
+            assert_eq!(with.difference, without.difference);
+            assert_eq!(with.family, if with.lower_is_better { 9 } else { 3 });
+        }
+        let (abs_rel, silog) = (&tests[0], &tests[7]);
+        assert_eq!((silog.metric, silog.lower_is_better), ("silog", true));
+        // The first image of the first model has none.
+        assert_eq!(silog.images, abs_rel.images - 1);
+        assert_eq!(silog.unpaired_images, 1);
+        let offset = rows("a", 0.0).len() as f64;
+        assert!((silog.difference - abs_rel.difference - offset).abs() < 1e-9);
     }
 
     #[test]
@@ -608,7 +695,7 @@ mod tests {
             b.iter_mut().for_each(change);
             all.extend(b);
             let models = by_model(&all, "eigen-80").unwrap();
-            compare(&[(&models[0], &models[1])], &TestOptions::default())
+            compare(&[(&models[0], &models[1])], false, &TestOptions::default())
                 .unwrap_err()
                 .to_string()
         };

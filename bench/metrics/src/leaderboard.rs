@@ -463,10 +463,7 @@ pub fn write(entries: &[Entry], writer: impl Write) -> Result<(), CsvError> {
 /// published one without citation.
 pub fn read(reader: impl Read) -> Result<Vec<Entry>, CsvError> {
     columns::read(reader, &COLUMNS, further_columns(), |fields| {
-        let filled = |column| {
-            let text = fields.text(column);
-            (!text.is_empty()).then_some(text)
-        };
+        let filled = |column| fields.optional_text(column);
         let count = |column| fields.optional::<u64>(column, "empty or a whole number");
         if fields.value::<u32>("schema", "a whole number")? != SCHEMA {
             return Err(fields.error("schema", "1, the version that this program reads"));

@@ -16,7 +16,7 @@
 //! let rules = protocol("kitti2015").ok_or("no such protocol")?;
 //! let calibration = StereoCamera { focal_px: 721.5377, baseline_m: 0.5327 };
 //! let camera = KnownCamera { calibration, nominal_focal_px: Some(721.5377) };
-//! let truth = GroundTruth::new((2, 1), vec![20.0, 0.0], camera)?;
+//! let truth = GroundTruth::new((2, 1), &[20.0, 0.0], camera)?;
 //! let context = RowContext {
 //!     model: "mine".into(),
 //!     protocol: rules.name.clone(),
@@ -59,8 +59,8 @@ mod thesis;
 
 pub use columns::CsvError;
 pub use evaluate::{
-    Compared, ComparedPixel, EvaluateError, Fit, GroundTruth, ImageScore, Prediction, evaluate,
-    evaluate_depth, evaluate_prediction, evaluate_with_pixels,
+    Compared, ComparedPixel, EvaluateError, Fit, GroundTruth, ImageScore, Prediction, Scratch,
+    evaluate, evaluate_depth, evaluate_measured, evaluate_prediction, evaluate_with_pixels,
 };
 pub use flip::flip_blend;
 pub use metrics::{

@@ -211,6 +211,54 @@ impl FurtherMetrics {
     }
 }
 
+/// What the metrics sum up of one pixel: functions of its two depths alone, each of them costly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Terms {
+    /// True depth g in metres.
+    truth_m: f64,
+    /// Predicted depth p in metres.
+    predicted_m: f64,
+    ln_truth: f64,
+    ln_predicted: f64,
+    /// |g - p| / g.
+    abs_rel: f64,
+    /// (g - p)^2 / g.
+    sq_rel: f64,
+    /// max(g / p, p / g).
+    ratio: f64,
+}
+
+impl Terms {
+    pub(crate) fn new(truth_m: f64, predicted_m: f64) -> Self {
+        Self::with_logarithm(truth_m, predicted_m, truth_m.ln())
+    }
+
+    /// These terms if they are those of two depths, or the terms of those.
+    pub(crate) fn or_of(&self, truth_m: f64, predicted_m: f64) -> Self {
+        if self.truth_m != truth_m {
+            Self::new(truth_m, predicted_m)
+        } else if self.predicted_m != predicted_m {
+            Self::with_logarithm(truth_m, predicted_m, self.ln_truth)
+        } else {
+            *self
+        }
+    }
+
+    fn with_logarithm(g: f64, p: f64, ln_truth: f64) -> Self {
+        let error = g - p;
+        Self {
+            truth_m: g,
+            predicted_m: p,
+            ln_truth,
+            ln_predicted: p.ln(),
+            abs_rel: error.abs() / g,
+            sq_rel: error * error / g,
+            // The other one is at most 1.
+            ratio: g.max(p) / g.min(p),
+        }
+    }
+}
+
 /// Metrics and sum of squared errors (m^2) over pairs of true and predicted depth in metres,
 /// all positive and finite; `None` without pairs. With `strict`, a ratio equal to a threshold
 /// lies outside it, as in the reference.
@@ -218,7 +266,8 @@ pub fn depth_metrics(
     pairs: impl IntoIterator<Item = (f64, f64)>,
     strict: bool,
 ) -> Option<(Metrics, f64)> {
-    let (metrics, _, squared) = sums::<false>(pairs, strict)?;
+    let terms = pairs.into_iter().map(|(g, p)| Terms::new(g, p));
+    let (metrics, _, squared) = sums::<false>(terms, strict)?;
     Some((metrics, squared))
 }
 
@@ -227,12 +276,13 @@ pub fn all_metrics(
     pairs: impl IntoIterator<Item = (f64, f64)>,
     strict: bool,
 ) -> Option<(Metrics, FurtherMetrics, f64)> {
-    sums::<true>(pairs, strict)
+    let terms = pairs.into_iter().map(|(g, p)| Terms::new(g, p));
+    sums::<true>(terms, strict)
 }
 
 /// The further metrics are zeros where nobody asked for them.
-fn sums<const FURTHER: bool>(
-    pairs: impl IntoIterator<Item = (f64, f64)>,
+pub(crate) fn sums<const FURTHER: bool>(
+    pixels: impl IntoIterator<Item = Terms>,
     strict: bool,
 ) -> Option<(Metrics, FurtherMetrics, f64)> {
     let (mut abs_rel, mut sq_rel, mut squared, mut squared_log) = (0.0, 0.0, 0.0, 0.0);
@@ -240,24 +290,23 @@ fn sums<const FURTHER: bool>(
     let (mut absolute, mut squared_ratio) = (0.0, 0.0);
     let mut within = [0_u64; 3];
     let mut count = 0_u64;
-    for (g, p) in pairs {
-        let error = g - p;
-        let log_error = g.ln() - p.ln();
-        abs_rel += error.abs() / g;
-        sq_rel += error * error / g;
+    for terms in pixels {
+        let error = terms.truth_m - terms.predicted_m;
+        let log_error = terms.ln_truth - terms.ln_predicted;
+        abs_rel += terms.abs_rel;
+        sq_rel += terms.sq_rel;
         squared += error * error;
         squared_log += log_error * log_error;
         if FURTHER {
             log += log_error;
             abs_log += log_error.abs();
-            // (1/p - 1/g) = (g - p) / (g p) and (g - p)/g once more: two divisions for both.
-            let relative = error / g;
-            let inverse = relative / p;
-            squared_ratio += relative * relative;
+            // (1/p - 1/g) = (g - p) / (g p), whose sign is lost in the square.
+            let inverse = terms.abs_rel / terms.predicted_m;
+            squared_ratio += terms.abs_rel * terms.abs_rel;
             squared_inverse += inverse * inverse;
             absolute += error.abs();
         }
-        let ratio = (g / p).max(p / g);
+        let ratio = terms.ratio;
         for (hits, threshold) in within
             .iter_mut()
             .zip([1.25, 1.25 * 1.25, 1.25 * 1.25 * 1.25])

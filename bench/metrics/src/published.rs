@@ -153,7 +153,6 @@ fn parse_rows(table: ThesisTable, text: &str) -> Result<Vec<PublishedRow>, CsvEr
         "note",
     ];
     columns::read(text.as_bytes(), &COLUMNS, &[], |fields| {
-        let note = fields.text("note");
         Ok(PublishedRow {
             table,
             row: fields.value("row", "a number")?,
@@ -174,7 +173,7 @@ fn parse_rows(table: ThesisTable, text: &str) -> Result<Vec<PublishedRow>, CsvEr
                 .map_or([None; 7], |values| values.map(Some)),
             further: [None; 5],
             source: None,
-            note: (!note.is_empty()).then_some(note),
+            note: fields.optional_text("note"),
         })
     })
 }
@@ -198,7 +197,6 @@ fn parse_own(text: &str) -> Result<Vec<PublishedRow>, CsvError> {
         "note",
     ];
     let mut rows = columns::read(text.as_bytes(), &COLUMNS, &[], |fields| {
-        let note = fields.text("note");
         let mut metrics = [None; 7];
         for (value, metric) in metrics.iter_mut().zip(Metric::ALL) {
             *value = fields.optional_measure(metric.name())?;
@@ -221,7 +219,7 @@ fn parse_own(text: &str) -> Result<Vec<PublishedRow>, CsvError> {
             metrics,
             further,
             source: Some(fields.required("citation")?),
-            note: (!note.is_empty()).then_some(note),
+            note: fields.optional_text("note"),
         })
     })?;
     for (row, number) in rows.iter_mut().zip(1..) {

@@ -214,11 +214,10 @@ pub fn append(rows: &[Row], writer: impl Write) -> Result<(), CsvError> {
 pub fn read(reader: impl Read) -> Result<Vec<Row>, CsvError> {
     let optional = [&further_columns()[..], &FIT_COLUMNS].concat();
     let mut rows = columns::read(reader, &COLUMNS, &optional, |fields| {
-        let variant = fields.text("variant");
         let context = RowContext {
             model: fields.required("model")?,
             model_hash: fields.text("model_hash"),
-            variant: (!variant.is_empty()).then_some(variant),
+            variant: fields.optional_text("variant"),
             protocol: fields.required("protocol")?,
             protocol_digest: fields.required("protocol_digest")?,
             data_digest: fields.required("data_digest")?,

@@ -1,5 +1,5 @@
-//! Between NumPy's arrays and planes. Values are copied, so that Python may go on with its own while no
-//! lock of the interpreter is held.
+//! Between NumPy's arrays and planes. What is used while no lock of the interpreter is held is copied, so
+//! that Python may go on with its own.
 
 use image::RgbImage;
 use numpy::ndarray::Array;
@@ -14,6 +14,12 @@ pub fn values<T: numpy::Element + Copy>(array: &PyReadonlyArray2<'_, T>) -> Vec<
         Ok(values) => values.to_vec(),
         Err(_) => array.as_array().iter().copied().collect(),
     }
+}
+
+/// The values row by row, where they lie, while the interpreter is held.
+pub fn contiguous<'a>(array: &'a PyReadonlyArray2<'_, f32>) -> PyResult<&'a [f32]> {
+    let values = array.as_slice();
+    values.map_err(|_| PyValueError::new_err("its values do not lie row by row"))
 }
 
 /// Columns and rows.

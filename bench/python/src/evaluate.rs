@@ -1,5 +1,7 @@
 //! One image, scored in memory.
 
+use std::borrow::Cow;
+
 use numpy::PyReadonlyArray2;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -13,7 +15,7 @@ use strat_geometry::{NOMINAL_BASELINE_M, depth_from_disparity_px, nominal_focal_
 use strat_metrics::{Camera, Protocol, Row, RowContext, StereoCamera};
 use strat_onnx::metadata::OutputMeaning;
 
-use crate::arrays::{plane, size, values};
+use crate::arrays::{contiguous, plane, size, values};
 use crate::errors::raised;
 use crate::rows::score_dict;
 
@@ -64,34 +66,35 @@ pub fn evaluate<'py>(
     camera: Option<(f64, f64)>,
     truth_is_disparity: bool,
     labels: Option<PyReadonlyArray2<'py, u8>>,
+    metrics: bool,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     let map = plane(&prediction)?;
-    let (truth_size, truth) = (size(&truth), values(&truth));
-    let labels = labels.map(|labels| values(&labels));
     let description = meaning.description()?;
-    let scores = py.detach(|| {
-        let protocols: Vec<Protocol> = protocols
-            .iter()
-            .map(|name| resolve(name).map_err(raised))
-            .collect::<PyResult<_>>()?;
-        let stereo = stereo_camera(&protocols, truth_size.0)?;
-        let depth_m = match (truth_is_disparity, stereo) {
-            (false, _) => truth,
-            (true, Some(camera)) => depth_of(&truth, camera),
-            (true, None) => {
-                return Err(PyValueError::new_err(
-                    "only protocols of stereo 2015 compare with disparity; give the truth as depth \
-                     in metres",
-                ));
-            }
-        };
-        let calibration = calibration(&protocols, &description, camera)?;
-        let mut truth = truth_of_depth(truth_size, depth_m, calibration, stereo).map_err(raised)?;
-        if let Some(labels) = labels {
-            truth.set_labels(labels).map_err(raised)?;
+    let protocols: Vec<Protocol> = protocols
+        .iter()
+        .map(|name| resolve(name).map_err(raised))
+        .collect::<PyResult<_>>()?;
+    let truth_size = size(&truth);
+    let stereo = stereo_camera(&protocols, truth_size.0)?;
+    let truth = contiguous(&truth)?;
+    let depth_m = match (truth_is_disparity, stereo) {
+        (false, _) => Cow::Borrowed(truth),
+        (true, Some(camera)) => Cow::Owned(depth_of(truth, camera)),
+        (true, None) => {
+            return Err(PyValueError::new_err(
+                "only protocols of stereo 2015 compare with disparity; give the truth as depth in metres",
+            ));
         }
-        evaluate_map(&protocols, truth, map, &description).map_err(raised)
-    })?;
+    };
+    let calibration = calibration(&protocols, &description, camera)?;
+    // While the interpreter is held nobody writes to it; the little that was measured is kept.
+    let truth = truth_of_depth(truth_size, &depth_m, calibration, stereo);
+    let mut truth = truth.map_err(raised)?;
+    if let Some(labels) = labels {
+        truth.set_labels(values(&labels)).map_err(raised)?;
+    }
+    let scores =
+        py.detach(|| evaluate_map(&protocols, truth, map, &description, metrics).map_err(raised))?;
     scores
         .into_iter()
         .map(|(protocol, score)| {

@@ -109,7 +109,8 @@ impl Rows {
     }
 
     /// Paired tests between models, as JSON and as text.
-    #[pyo3(signature = (protocol, model_a, model_b, draws, seed))]
+    #[pyo3(signature = (protocol, model_a, model_b, draws, seed, metrics))]
+    #[allow(clippy::too_many_arguments, reason = "Python names each of them")]
     fn compare(
         &self,
         py: Python<'_>,
@@ -118,13 +119,14 @@ impl Rows {
         model_b: Option<&str>,
         draws: u32,
         seed: u64,
+        metrics: bool,
     ) -> PyResult<(String, String)> {
         let options = TestOptions {
             permutations: draws,
             seed,
         };
         py.detach(|| {
-            let tests = compare::pairs(&self.rows, protocol, model_a, model_b, &options);
+            let tests = compare::pairs(&self.rows, protocol, model_a, model_b, metrics, &options);
             let tests = tests.map_err(raised)?;
             let json = serde_json::to_string(&tests).map_err(raised)?;
             Ok((json, compare::text(&tests, &options)))

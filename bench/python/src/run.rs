@@ -11,7 +11,7 @@ use strat_bench::evaluate::SampleError;
 use strat_bench::evaluate::in_memory::InMemoryRun;
 use strat_bench::evaluate::write;
 use strat_metrics::tables::{Coverage, Source};
-use strat_metrics::{Metric, leaderboard};
+use strat_metrics::{FurtherMetric, Metric, leaderboard};
 
 use crate::arrays::{of_image, plane};
 use crate::errors::raised;
@@ -34,10 +34,12 @@ impl Run {
         model: String,
         protocols: Option<Vec<String>>,
         meaning: Meaning,
+        metrics: bool,
     ) -> PyResult<Self> {
         let description = meaning.description()?;
         let run = py.detach(|| {
-            InMemoryRun::open(&data, &model, protocols.as_deref(), description).map_err(raised)
+            InMemoryRun::open(&data, &model, protocols.as_deref(), description, metrics)
+                .map_err(raised)
         })?;
         Ok(Self { run: Arc::new(run) })
     }
@@ -66,8 +68,13 @@ impl Run {
         })
     }
 
-    /// Measures the map of one image.
-    fn add(&self, py: Python<'_>, image: &str, map: PyReadonlyArray2<'_, f32>) -> PyResult<()> {
+    /// Measures the map of one image; says what the first images let suspect.
+    fn add(
+        &self,
+        py: Python<'_>,
+        image: &str,
+        map: PyReadonlyArray2<'_, f32>,
+    ) -> PyResult<Vec<String>> {
         let map = plane(&map)?;
         py.detach(|| self.run.add(image, map).map_err(raised))
     }
@@ -125,6 +132,9 @@ impl Run {
                     let group = entry.group.map(|group| group.to_string());
                     let means = Metric::ALL.into_iter().map(Metric::name);
                     let means = means.zip(entry.metrics.into_iter().zip(entry.intervals));
+                    let further = FurtherMetric::ALL.into_iter().map(FurtherMetric::name);
+                    let values = entry.further.into_iter().zip(entry.further_intervals);
+                    let means = means.chain(further.zip(values));
                     let more = [
                         (
                             "rmse_pooled",

@@ -44,6 +44,27 @@ def test_depth_is_scored_as_numpy_scores_it():
         assert found[name] == pytest.approx(value, rel=1e-6), name
 
 
+def test_further_metrics_are_those_of_numpy():
+    predicted, truth = scene()
+    words = {"protocol": "eigen-80-nocrop", "meaning": "depth_m"}
+    found = strat.evaluate(predicted, truth, metrics=True, **words)
+    mask = (truth > 1e-3) & (truth < 80)
+    g, p = truth[mask].astype(float), np.clip(predicted[mask], 1e-3, 80).astype(float)
+    logs = np.log(p) - np.log(g)
+    for name, value in {
+        "silog": 100 * np.std(logs),
+        "log10": np.mean(np.abs(np.log10(p) - np.log10(g))),
+        "irmse": np.sqrt(np.mean((1000 / p - 1000 / g) ** 2)),
+        "mae": np.mean(np.abs(p - g)),
+        "sq_rel_2": np.mean(((p - g) / g) ** 2),
+    }.items():
+        assert found[name] == pytest.approx(value, rel=1e-6), name
+    plain = strat.evaluate(predicted, truth, **words)
+    assert plain["silog"] is None and plain["abs_rel"] == found["abs_rel"]
+    with pytest.raises(TypeError, match='no argument "metric"; there are focal_px'):
+        strat.evaluate(predicted, truth, metric=True, **words)
+
+
 def test_disparity_becomes_depth_by_the_camera():
     predicted, truth = scene()
     width = truth.shape[1]

@@ -14,7 +14,7 @@ def results(sets, tmp_path_factory):
     """Results of two models on the rendered Eigen set."""
     folder = tmp_path_factory.mktemp("results")
     for name, seed in (("a", 0), ("b", 2)):
-        run = strat.Run(sets / "eigen", model=name, meaning="disparity_fraction")
+        run = strat.Run(sets / "eigen", model=name, meaning="disparity_fraction", metrics=True)
         for sample in run:
             run.add(sample.id, disparity(sample.image, seed))
         with pytest.warns(UserWarning) if run.warnings else np.errstate():
@@ -45,6 +45,9 @@ def test_models_are_compared_as_the_command_does(results):
     assert tests.text == command("bench", "compare", *files, "--protocol", "eigen-80").stdout
     one = strat.compare(strat.read_rows(*files), protocol="eigen-80")
     assert list(one) == list(tests)
+    more = strat.compare(strat.read_rows(*files), protocol="eigen-80", metrics=True)
+    line = ["bench", "compare", *files, "--protocol", "eigen-80", "--metrics", "--json"]
+    assert list(more) == json.loads(command(*line).stdout) and len(more) == len(tests) + 5
     with pytest.raises(ValueError, match="a comparison needs rows of two models"):
         strat.compare(strat.read_rows(files[0]))
 

@@ -31,22 +31,30 @@ def same_files(ours, theirs):
             assert (ours / name).read_bytes() == (theirs / name).read_bytes(), name
 
 
-def agrees(data, folder, protocols, meaning, convert=lambda fraction: fraction):
-    run = strat.Run(data, protocols, model="mine@7", meaning=meaning)
+def doubts(folder):
+    """What the record of a run warns of."""
+    record = (folder / "run.yaml").read_text()
+    return record[record.index("\nwarnings:") : record.index("\nfailures:")]
+
+
+def agrees(data, folder, protocols, meaning, convert=lambda fraction: fraction, metrics=False):
+    run = strat.Run(data, protocols, model="mine@7", meaning=meaning, metrics=metrics)
     maps = {sample.id: convert(disparity(sample.image)) for sample in run}
     assert list(maps) == run.ids
     save(folder / "maps", maps, meaning)
-    # In another order than the set's.
-    for name in sorted(maps, reverse=True):
-        run.add(name, maps[name])
-    incomplete = bool(run.failures)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        # In another order than the set's.
+        for name in sorted(maps, reverse=True):
+            run.add(name, maps[name])
+        incomplete = bool(run.failures)
         run.write(folder / "ours", incomplete=incomplete)
     more = [word for name in protocols for word in ("--protocol", name)]
+    more += ["--metrics"] if metrics else []
     line = ["bench", "--table", "all", "--data", data, "--predictions", f"mine@7={folder / 'maps'}", *more]
     printed = command(*line, "--out", folder / "theirs", "--quiet", code=int(incomplete))
     same_files(folder / "ours", folder / "theirs")
+    assert doubts(folder / "ours") == doubts(folder / "theirs")
     assert printed.stdout == run.table()
     return run
 
@@ -58,6 +66,8 @@ CASES = {
     "aligned": ("eigen", ["eigen-80", "eigen-50", *ALIGNED], "inverse_depth", lambda map: 7 * map),
     "depth": ("eigen", ["eigen-80", "eigen-50"], "depth_m", lambda map: 0.3 / map),
     "no scale": ("eigen", ["eigen-80", "eigen-50"], "inverse_depth", lambda map: 40 * map),
+    "metrics": ("eigen", ["eigen-80", *ALIGNED], "disparity_fraction", lambda map: map, True),
+    "suspected": ("eigen", ["eigen-80"], "depth_m", lambda map: 300 / map),
 }
 
 
@@ -102,6 +112,29 @@ def test_samples_have_their_images_and_cameras(eigen):
         assert np.array_equal(sample.image, by_hand[sample.id]["image"])
         assert sample.focal_px == by_hand[sample.id]["focal_px"]
         assert sample.baseline_m == by_hand[sample.id]["baseline_m"]
+
+
+def test_what_the_first_images_let_suspect_is_said_at_once(eigen):
+    run = strat.Run(eigen, model="m", meaning="depth_m")
+    *others, last = list(run)[:8]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for sample in others:
+            run.add(sample.id, disparity(sample.image))
+    with pytest.warns(UserWarning, match="near and far are exchanged"):
+        run.add(last.id, disparity(last.image))
+    assert any("near and far are exchanged" in text for text in run.warnings)
+
+
+def test_further_metrics_are_measured_when_asked(eigen):
+    further = measured(eigen, metrics=True)
+    assert {"silog", "log10", "irmse", "mae", "sq_rel_2"} <= further.summary()["eigen-80"].keys()
+    plain = measured(eigen)
+    assert "silog" not in plain.summary()["eigen-80"]
+    name = further.ids[0]
+    of_image = lambda run: next(row for row in run.rows().records() if row["image"] == name)
+    assert of_image(plain)["abs_rel"] == of_image(further)["abs_rel"] and of_image(plain)["mae"] is None
+    assert of_image(further)["mae"] > 0
 
 
 def test_maps_come_from_any_thread(eigen, tmp_path):

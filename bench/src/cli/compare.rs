@@ -26,6 +26,9 @@ pub(super) struct CompareArgs {
     /// Only this protocol
     #[arg(long, value_name = "NAME")]
     protocol: Option<String>,
+    /// Also the further metrics (SILog, log10, iRMSE, MAE, squared relative error), of runs with `--metrics`
+    #[arg(long)]
+    metrics: bool,
     /// Sign patterns that are drawn where there are too many to count
     #[arg(long, value_name = "N", default_value_t = 10_000,
           value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
@@ -52,6 +55,7 @@ pub(super) fn run(args: &CompareArgs) -> anyhow::Result<u8> {
         args.protocol.as_deref(),
         args.model_a.as_deref(),
         args.model_b.as_deref(),
+        args.metrics,
         &options,
     )?;
     let text = if args.json {

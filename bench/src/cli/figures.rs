@@ -233,6 +233,7 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
         return Ok(FAILED);
     }
     for one in &drawn {
+        notes.warnings.extend(one.suspicions.iter().cloned());
         for (image, why) in one.problems() {
             notes.fail(format!("{}, image {image}: {why}", one.record.name));
         }

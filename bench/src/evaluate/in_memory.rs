@@ -31,10 +31,12 @@ use super::{
     identity::Identity,
     ownership::{self, MARK, Planned},
     plan::{self, Plan, PlanError, TableChoice},
+    prediction::{Prediction, Seen},
     predictions::{MapFault, SavedDescription},
     record::{DataRecord, Failure, ModelRecord, Outcome, ProtocolRecord, RunRecord, TOOL_VERSION},
     sample::{self, SampleError, Scene},
-    score::{self, Predicted, Prediction, Scored, Seen},
+    score::{self, Attention, Predicted, Scored},
+    suspicion::{self, FIRST_IMAGES, Look},
     write::{self, WriteError},
 };
 
@@ -105,7 +107,8 @@ pub enum InMemoryError {
 /// Scores one map of any size under protocols: their names with their scores, in the order of the
 /// protocols and, within one, of its groups.
 ///
-/// A map without a scale of its own is scored by medians under protocols that do not align.
+/// A map without a scale of its own is scored by medians under protocols that do not align. `further`
+/// asks for the metrics of PROTOCOL 10.3 as well.
 ///
 /// # Errors
 /// The description contradicts itself, the map cannot be what it says, or a protocol lacks something.
@@ -114,6 +117,7 @@ pub fn evaluate_map(
     truth: GroundTruth,
     map: Plane,
     description: &SavedDescription,
+    further: bool,
 ) -> Result<Vec<(String, ImageScore)>, InMemoryError> {
     let protocols = protocols_of("in memory", protocols, description)?.0;
     let map_size = (map.width, map.height);
@@ -123,7 +127,8 @@ pub fn evaluate_map(
         .into_iter()
         .map(|protocol| (protocol, RowContext::default()))
         .collect();
-    let scored = score_map(Scene::given(truth), &contexts, map, description);
+    let predicted = predicted(map, description, Attention::None);
+    let scored = score::score(Scene::given(truth), &contexts, predicted, further);
     let mut named = Vec::new();
     for (scores, (protocol, _)) in scored.scores.into_iter().zip(&contexts) {
         named.extend(
@@ -160,16 +165,11 @@ fn protocols_of(
     }
 }
 
-/// Scores a map that was taken.
-fn score_map(
-    scene: Scene<'_>,
-    protocols: &[(Protocol, RowContext)],
-    map: Plane,
-    description: &SavedDescription,
-) -> Scored {
+/// A map that was taken, on its way to the metrics.
+fn predicted(map: Plane, description: &SavedDescription, attention: Attention) -> Predicted {
     let meaning = description.meaning_taken();
     let width = map.width as f32;
-    let predicted = Predicted {
+    Predicted {
         seen: vec![Seen::new(
             description.crop,
             Prediction::new(map, meaning, width),
@@ -178,10 +178,8 @@ fn score_map(
         is_cut: true,
         has_scale: meaning.has_scale(),
         image: None,
-        // Maps come in any order.
-        is_early: false,
-    };
-    score::score(scene, protocols, predicted, false)
+        attention,
+    }
 }
 
 /// The test images of a prepared set, measured map by map in any order and from any thread.
@@ -196,6 +194,8 @@ pub struct InMemoryRun {
     tables: Vec<ThesisTable>,
     /// Contexts are made when the maps, which they name, are there.
     protocols: Vec<(Protocol, RowContext)>,
+    /// The further metrics are measured.
+    further: bool,
     warnings: Vec<String>,
     measured: Mutex<Vec<Option<Measured>>>,
     started: Instant,
@@ -211,6 +211,7 @@ struct Measured {
 impl InMemoryRun {
     /// Opens a prepared set for maps that `description` says the meaning of; `name` is the model's
     /// in tables. Without `protocols`, by name or file, those of the set's own tables are meant.
+    /// `further` asks for the metrics of PROTOCOL 10.3 as well.
     ///
     /// # Errors
     /// The set cannot be used or cannot serve the protocols, or the description contradicts itself.
@@ -219,6 +220,7 @@ impl InMemoryRun {
         name: &str,
         protocols: Option<&[String]>,
         description: SavedDescription,
+        further: bool,
     ) -> Result<Self, InMemoryError> {
         if name.is_empty() {
             return Err(InMemoryError::Nothing("a model name that is not empty"));
@@ -253,6 +255,7 @@ impl InMemoryRun {
                 .into_iter()
                 .map(|protocol| (protocol, RowContext::default()))
                 .collect(),
+            further,
             warnings,
             measured: Mutex::new(samples.iter().map(|_| None).collect()),
             started: Instant::now(),
@@ -289,12 +292,13 @@ impl InMemoryRun {
         sample::load_image(&self.set, &self.samples[index])
     }
 
-    /// Measures the map of one image.
+    /// Measures the map of one image. With the last of the first images of the set it says what these let
+    /// suspect of the description, as sentences.
     ///
     /// # Errors
     /// There is no such image, it was measured before, the map cannot be what its description
     /// says, or no protocol can score it. The run is then as it was.
-    pub fn add(&self, image: &str, map: Plane) -> Result<(), InMemoryError> {
+    pub fn add(&self, image: &str, map: Plane) -> Result<Vec<String>, InMemoryError> {
         self.measure(image, map)
             .map_err(|reason| InMemoryError::Image {
                 image: image.to_owned(),
@@ -302,7 +306,7 @@ impl InMemoryRun {
             })
     }
 
-    fn measure(&self, image: &str, map: Plane) -> Result<(), InMemoryError> {
+    fn measure(&self, image: &str, map: Plane) -> Result<Vec<String>, InMemoryError> {
         let index = *(self.positions.get(image)).ok_or_else(|| InMemoryError::Unknown {
             count: self.samples.len(),
             set: self.data.clone(),
@@ -317,19 +321,41 @@ impl InMemoryRun {
         let image_size = (sample.width as usize, sample.height as usize);
         self.description.check_size(map_size, image_size)?;
         let scene = Scene::of_set(&self.set, sample);
-        let mut scored = score_map(scene, &self.protocols, map, &self.description);
+        // Maps come in any order: the first ones are those of the set.
+        let attention = Attention::of(index < FIRST_IMAGES);
+        let predicted = predicted(map, &self.description, attention);
+        let mut scored = score::score(scene, &self.protocols, predicted, self.further);
         if scored.scores.iter().all(Result::is_err)
             && let Some(Err(reason)) = scored.scores.pop()
         {
             return Err(reason.into());
         }
         // Another thread may have been faster.
-        let place = &mut self.measured()[index];
-        if place.is_some() {
+        let mut measured = self.measured();
+        if measured[index].is_some() {
             return Err(InMemoryError::Twice);
         }
-        *place = Some(Measured { blake3, scored });
-        Ok(())
+        measured[index] = Some(Measured { blake3, scored });
+        Ok(match index < FIRST_IMAGES {
+            true => self.suspicions(&measured),
+            false => Vec::new(),
+        })
+    }
+
+    /// What the first images of the set, or all where there are fewer, let suspect; nothing before each of
+    /// them has its map.
+    fn suspicions(&self, measured: &[Option<Measured>]) -> Vec<String> {
+        let first = measured.iter().take(FIRST_IMAGES);
+        let first: Option<Vec<&Measured>> = first.map(Option::as_ref).collect();
+        let looks: Vec<Look> = first
+            .into_iter()
+            .flatten()
+            .filter_map(|measured| measured.scored.look.clone())
+            .collect();
+        suspicion::suspicions(&looks, &self.description.encoding())
+            .into_iter()
+            .map(|text| format!("{}: {text}", self.name))
+            .collect()
     }
 
     /// Ids of the images without a map, in the order of the set.
@@ -399,8 +425,17 @@ impl InMemoryRun {
         model.agreement = Agreement::of(&agreements);
         model.images = images_in(&rows);
         let mut warnings = self.warnings.clone();
+        let suspicions = self.suspicions(&measured);
+        let is_suspected = !suspicions.is_empty();
+        warnings.extend(suspicions);
         let gives_depth = self.description.meaning_taken() == OutputMeaning::DepthM;
-        for remark in remarks(&self.name, &rows, model.agreement, gives_depth, false) {
+        for remark in remarks(
+            &self.name,
+            &rows,
+            model.agreement,
+            gives_depth,
+            is_suspected,
+        ) {
             if let Remark::Warning(text) = remark {
                 warnings.push(text);
             }

@@ -26,6 +26,7 @@ pub mod median;
 pub mod ownership;
 pub mod pipeline;
 pub mod plan;
+mod prediction;
 pub mod predictions;
 pub mod record;
 pub mod request;
@@ -54,10 +55,11 @@ use crate::{
 use agreement::ImageAgreement;
 use median::MedianDepth;
 use pipeline::MAX_INITIAL_FAILURES;
+use prediction::{Prediction, Seen};
 use predictions::SavedPredictions;
 use record::Failure;
 use sample::{Scene, load_image};
-use score::{Predicted, Prediction, Scored, Seen};
+use score::{Attention, Predicted, Scored};
 use suspicion::{FIRST_IMAGES, Look};
 
 pub use comparison::Comparison;
@@ -142,10 +144,10 @@ impl Task<'_> {
 }
 
 impl Task<'_> {
-    /// One of the first images, after which it is said what is suspected.
-    fn is_early(&self, sample: &Sample) -> bool {
+    /// After the first images it is said what is suspected.
+    fn attention(&self, sample: &Sample) -> Attention {
         let mut first = self.samples.iter().take(FIRST_IMAGES);
-        first.any(|first| first.id == sample.id)
+        Attention::of(first.any(|first| first.id == sample.id))
     }
 }
 
@@ -324,7 +326,7 @@ fn score_given<O: Observer>(
                 is_cut: true,
                 has_scale,
                 image,
-                is_early: task.is_early(sample),
+                attention: task.attention(sample),
             };
             Ok(task.score(sample, predicted))
         },
@@ -354,8 +356,8 @@ fn run_network<O: Observer>(
             if model.has_ended() {
                 return ControlFlow::Break(Ended::Over);
             }
-            let is_early = task.is_early(sample);
-            let result = prepared.and_then(|prepared| predict(model, prepared, flip, is_early));
+            let attention = task.attention(sample);
+            let result = prepared.and_then(|prepared| predict(model, prepared, flip, attention));
             if let Ok(Predicted { seen, .. }) = &result {
                 let whole = seen.iter().find(|seen| seen.view == View::Whole);
                 let disparity = match whole.map(Seen::plain) {
@@ -411,7 +413,7 @@ fn predict(
     model: &mut Model,
     prepared: Prepared,
     flip: bool,
-    is_early: bool,
+    attention: Attention,
 ) -> Result<Predicted, SampleError> {
     let width = model.description.input.disparity_width() as f32;
     let meaning = model.description.output.meaning();
@@ -435,7 +437,7 @@ fn predict(
         is_cut: false,
         has_scale: meaning.has_scale(),
         image: prepared.image,
-        is_early,
+        attention,
     })
 }
 

@@ -5,7 +5,8 @@
 
 use image::RgbImage;
 use strat_metrics::{
-    EvaluateError, GroundTruth, GroundTruthKind, Grouping, KnownCamera, Protocol, StereoCamera,
+    EvaluateError, GroundTruth, GroundTruthKind, Grouping, KnownCamera, Protocol, Scratch,
+    StereoCamera,
 };
 use strat_store::inputs::{self, Kind};
 use strat_store::{
@@ -161,10 +162,10 @@ enum Truths<'a> {
     Files {
         set: &'a PreparedSet,
         sample: &'a Sample,
-        read: Vec<(GroundTruthKind, GroundTruth)>,
+        read: Vec<(GroundTruthKind, GroundTruth, Scratch)>,
     },
     /// Handed over, whatever protocol asks.
-    Given(GroundTruth),
+    Given(GroundTruth, Scratch),
 }
 
 impl<'a> Scene<'a> {
@@ -186,18 +187,18 @@ impl<'a> Scene<'a> {
         Self {
             image: "",
             size: truth.size(),
-            truths: Truths::Given(truth),
+            truths: Truths::Given(truth, Scratch::default()),
         }
     }
 
-    /// The ground truth that a protocol compares with, with labels where it groups by them. `None`
-    /// where the protocol is not about this image.
+    /// The ground truth that a protocol compares with, with labels where it groups by them, and what other
+    /// protocols have found there. `None` where the protocol is not about this image.
     pub(super) fn needed_by(
         &mut self,
         protocol: &Protocol,
-    ) -> Result<Option<&GroundTruth>, SampleError> {
+    ) -> Result<Option<(&GroundTruth, &mut Scratch)>, SampleError> {
         let (set, sample, read) = match &mut self.truths {
-            Truths::Given(truth) => return Ok(Some(truth)),
+            Truths::Given(truth, scratch) => return Ok(Some((truth, scratch))),
             Truths::Files { set, sample, read } => (set, sample, read),
         };
         let kind = protocol.ground_truth;
@@ -206,15 +207,16 @@ impl<'a> Scene<'a> {
         if kind == GroundTruthKind::Annotated && sample.depth_annotated.is_none() {
             return Ok(None);
         }
-        let known = read.iter().position(|(known, _)| *known == kind);
+        let known = read.iter().position(|(known, ..)| *known == kind);
         let index = match known {
             Some(index) => index,
             None => {
-                read.push((kind, load_truth(set, sample, kind)?));
+                let truth = load_truth(set, sample, kind)?;
+                read.push((kind, truth, Scratch::default()));
                 read.len() - 1
             }
         };
-        let truth = &mut read[index].1;
+        let (_, truth, scratch) = &mut read[index];
         if protocol.grouping == Grouping::Cityscapes && !truth.has_labels() {
             let labels = load_labels(set, sample)?;
             truth
@@ -224,7 +226,7 @@ impl<'a> Scene<'a> {
                     reason,
                 })?;
         }
-        Ok(Some(truth))
+        Ok(Some((truth, scratch)))
     }
 }
 
@@ -265,7 +267,8 @@ fn load_truth(
         focal_px: sample.focal_px,
         baseline_m: sample.baseline_m,
     };
-    truth_of_depth((depth.width, depth.height), depth.data, calibration, stereo).map_err(|reason| {
+    let size = (depth.width, depth.height);
+    truth_of_depth(size, &depth.data, calibration, stereo).map_err(|reason| {
         SampleError::GroundTruth {
             path: file.path.clone(),
             reason,
@@ -281,7 +284,7 @@ fn load_truth(
 /// A plane of wrong size, and values that are negative or not finite.
 pub fn truth_of_depth(
     size: (usize, usize),
-    depth_m: Vec<f32>,
+    depth_m: &[f32],
     calibration: StereoCamera,
     stereo: Option<StereoCamera>,
 ) -> Result<GroundTruth, EvaluateError> {
@@ -302,6 +305,6 @@ pub fn truth_of_depth(
             0.0
         }
     };
-    let disparity_px = depth_m.iter().map(disparity_px).collect();
-    GroundTruth::stereo(size, depth_m, disparity_px, camera)
+    let disparity_px: Vec<f32> = depth_m.iter().map(disparity_px).collect();
+    GroundTruth::stereo(size, depth_m, &disparity_px, camera)
 }

@@ -78,19 +78,20 @@ pub(super) fn look(
     let (width, height) = truth.size();
     let limits = protocol.min_depth_m as f32..=protocol.max_depth_m as f32;
     let measured = truth.measured();
-    let pixels: Vec<usize> = measured
+    let pixels: Vec<(usize, f32)> = measured
         .iter()
+        .zip(truth.depth_m())
         .step_by(agreement::stride(measured.len()))
-        .map(|&index| index as usize)
-        .filter(|&index| limits.contains(&truth.depth_m()[index]))
+        .map(|(&index, &true_m)| (index as usize, true_m))
+        .filter(|(_, true_m)| limits.contains(true_m))
         .collect();
     // Of the order alone.
     let depth_like = |value: f32| if is_disparity { -value } else { value };
     let there = |value: f32| is_disparity || value > 0.0;
     let turned = Turn::ALL.map(|turn| {
-        let pairs = pixels.iter().filter_map(|&index| {
+        let pairs = pixels.iter().filter_map(|&(index, true_m)| {
             let value = map[turn.index(index, width, height)];
-            there(value).then(|| (truth.depth_m()[index], depth_like(value)))
+            there(value).then(|| (true_m, depth_like(value)))
         });
         let (true_m, predicted): (Vec<f32>, Vec<f32>) = pairs.unzip();
         spearman(&true_m, &predicted)
@@ -108,7 +109,7 @@ pub(super) fn look(
             values.map(depth_like).collect()
         };
         let mut sky = values(&mut (0..sky_end));
-        let mut ground = values(&mut pixels.iter().copied());
+        let mut ground = values(&mut pixels.iter().map(|(index, _)| *index));
         sorted(&mut sky);
         sorted(&mut ground);
         match (sky.get(sky.len() / 2), ground.get(ground.len() / 20)) {

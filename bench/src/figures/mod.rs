@@ -7,6 +7,7 @@ mod choice;
 
 use std::{
     collections::{BTreeSet, HashMap},
+    convert::Infallible,
     path::{Path, PathBuf},
 };
 
@@ -17,6 +18,7 @@ use strat_onnx::metadata::OutputMeaning;
 use strat_store::{
     files, image_files,
     progress::Progress,
+    raster::Plane,
     resize,
     set::{Content, PreparedSet, Sample},
 };
@@ -28,7 +30,8 @@ use crate::{
         side_by_side::{self, Frame, Shown, Synthesis, SynthesisFrame},
     },
     evaluate::{
-        self, Comparison, NamedFile, Predictor, SampleError, Task,
+        self, Comparison, NamedFile, Observer, Predictor, SampleError, Task,
+        agreement::ImageAgreement,
         plan::PlanError,
         predictions::{SavedError, SavedPredictions},
         sample::load_image,
@@ -140,9 +143,26 @@ pub struct ModelRecord {
 pub struct Drawn {
     /// The model.
     pub record: ModelRecord,
+    /// What its maps let suspect of its description; said already.
+    pub suspicions: Vec<String>,
     comparisons: HashMap<String, Shown<Comparison>>,
     /// Right views; none where the model gives no right disparity.
     syntheses: HashMap<String, Shown<Synthesis>>,
+}
+
+/// Keeps no rows, but it is here that the images are looked at first.
+struct FirstLook;
+
+impl Observer for FirstLook {
+    type Error = Infallible;
+
+    fn predicted(&mut self, _: &str, _: Option<&Plane>) -> Result<(), Infallible> {
+        Ok(())
+    }
+
+    fn scored(&mut self, _: &[Row], _: Option<ImageAgreement>) -> Result<(), Infallible> {
+        Ok(())
+    }
 }
 
 /// What is the same for all models of a figure.
@@ -166,7 +186,7 @@ impl Figures<'_> {
     pub fn of_model(&self, file: &Path, model: &mut Model) -> Drawn {
         let name = model.name.clone();
         let meaning = model.description.output.meaning();
-        let comparisons = self.compare(&name, &mut Predictor::Model(model), meaning);
+        let (comparisons, suspicions) = self.compare(&name, &mut Predictor::Model(model), meaning);
         let mut syntheses = HashMap::new();
         for sample in self.chosen {
             // A model that fails is named once, by its comparison.
@@ -183,6 +203,7 @@ impl Figures<'_> {
                 file: file.to_path_buf(),
                 blake3: model.file.blake3.clone(),
             },
+            suspicions,
             comparisons,
             syntheses,
         }
@@ -196,25 +217,27 @@ impl Figures<'_> {
         let content = self.set.manifest.content;
         let saved = SavedPredictions::open(&given.name, &given.file, content, self.samples)?;
         let meaning = saved.meaning();
-        let comparisons = self.compare(&given.name, &mut Predictor::Saved(&saved), meaning);
+        let (comparisons, suspicions) =
+            self.compare(&given.name, &mut Predictor::Saved(&saved), meaning);
         Ok(Drawn {
             record: ModelRecord {
                 name: given.name.clone(),
                 file: given.file.clone(),
                 blake3: saved.blake3.clone(),
             },
+            suspicions,
             comparisons,
             syntheses: HashMap::new(),
         })
     }
 
-    /// Predictions beside the ground truth, or why there is none.
+    /// Predictions beside the ground truth, or why there is none; and what they let suspect.
     fn compare(
         &self,
         name: &str,
         predictor: &mut Predictor<'_>,
         meaning: OutputMeaning,
-    ) -> HashMap<String, Shown<Comparison>> {
+    ) -> (HashMap<String, Shown<Comparison>>, Vec<String>) {
         let mut protocol = self.protocol.clone();
         if !meaning.has_scale() && protocol.alignment == Alignment::None {
             protocol = protocol.with(Suffix::Align(Alignment::Median));
@@ -236,9 +259,9 @@ impl Figures<'_> {
         };
         let images = self.chosen.len() as u64;
         let progress = Progress::new(name, images, "images", self.quiet);
-        let found = evaluate::evaluate(&task, name, predictor, self.pool, &progress, &mut ());
+        let mut look = FirstLook;
+        let Ok(found) = evaluate::evaluate(&task, name, predictor, self.pool, &progress, &mut look);
         progress.finish();
-        let found = found.unwrap_or_else(|never| match never {});
         let failures = found.failures.into_iter();
         let mut shown: HashMap<String, Shown<Comparison>> = failures
             .map(|failure| (failure.image, Err(failure.reason)))
@@ -247,7 +270,7 @@ impl Figures<'_> {
             // One that could not be scored can be looked at.
             shown.insert(comparison.image.clone(), Ok(comparison));
         }
-        shown
+        (shown, found.suspicions)
     }
 
     /// The right view that a model makes of the left one; none if the model gives no disparity of

@@ -116,7 +116,9 @@ pub(super) fn to_image(
     let is_depth = description.meaning() == OutputMeaning::DepthM;
     let mut resized = interpolate_f32(&plane, width, height, interpolation, alignment);
     if is_depth {
-        clear_mixed(&mut resized, &plane, alignment);
+        clear_mixed(&mut resized.data, &plane, |there| {
+            interpolate_f32(there, width, height, Interpolation::Linear, alignment).data
+        });
     }
     let (image_width, image_height) = (input.image.0 as usize, input.image.1 as usize);
     if (width, height) == (image_width, image_height) {
@@ -153,8 +155,9 @@ fn without_padding(plane: Plane, input: &ModelInput) -> Plane {
     }
 }
 
-/// Depth of 0 is none, so a pixel of a resized map that was mixed with none has none.
-pub fn clear_mixed(resized: &mut Plane, plane: &Plane, alignment: Alignment) {
+/// Depth of 0 is none, so a pixel of a resized map that was mixed with none has none. `resize` does to a
+/// plane, linearly, what was done to the map.
+pub fn clear_mixed(resized: &mut [f32], plane: &Plane, resize: impl FnOnce(&Plane) -> Vec<f32>) {
     if plane.data.iter().all(|depth| *depth != 0.0) {
         return;
     }
@@ -163,9 +166,7 @@ pub fn clear_mixed(resized: &mut Plane, plane: &Plane, alignment: Alignment) {
         data: plane.data.iter().map(is_there).collect(),
         ..*plane
     };
-    let (width, height) = (resized.width, resized.height);
-    let there = interpolate_f32(&there, width, height, Interpolation::Linear, alignment);
-    for (depth, share) in resized.data.iter_mut().zip(there.data) {
+    for (depth, share) in resized.iter_mut().zip(resize(&there)) {
         if share < 0.9999 {
             *depth = 0.0;
         }

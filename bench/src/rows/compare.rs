@@ -94,7 +94,7 @@ pub fn protocols_of(rows: &[Row]) -> Vec<String> {
 }
 
 /// Tests all pairs of models, or the pairs with `model_a` first and `model_b` second, under each
-/// protocol (or the one given) as one family.
+/// protocol (or the one given) as one family; with `further` the metrics of PROTOCOL 10.3 as well.
 ///
 /// # Errors
 /// Models or a protocol that are not there, and rows that cannot be compared.
@@ -103,6 +103,7 @@ pub fn pairs(
     protocol: Option<&str>,
     model_a: Option<&str>,
     model_b: Option<&str>,
+    further: bool,
     options: &TestOptions,
 ) -> Result<Vec<PairedTest>, CompareError> {
     let names: Vec<String> = protocols_of(rows)
@@ -147,7 +148,7 @@ pub fn pairs(
             protocol.unwrap_or("one protocol")
         )));
     }
-    Ok(compare(&chosen, options)?)
+    Ok(compare(&chosen, further, options)?)
 }
 
 const HEADER: [&str; 19] = [
@@ -373,7 +374,10 @@ mod tests {
     fn compared(drives: usize) -> String {
         let all = [rows("old", drives, 0.2), rows("better", drives, 0.1)].concat();
         let options = TestOptions::default();
-        text(&pairs(&all, None, None, None, &options).unwrap(), &options)
+        text(
+            &pairs(&all, None, None, None, false, &options).unwrap(),
+            &options,
+        )
     }
 
     /// Columns are in the order of the heading, and the model that is called better is the one with

@@ -253,7 +253,7 @@ mod tests {
                     },
                     nominal_focal_px: None,
                 };
-                let truth = GroundTruth::new((2, 1), depth_m.to_vec(), camera).unwrap();
+                let truth = GroundTruth::new((2, 1), &depth_m, camera).unwrap();
                 let predicted = depth_m.map(|depth| depth * factor + f32::from(i));
                 let score = evaluate_depth(&rules, &truth, &predicted).unwrap()[0];
                 Row::new(

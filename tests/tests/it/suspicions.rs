@@ -210,4 +210,30 @@ fn each_mistake_is_told_with_its_cause_and_the_line_to_change() {
         },
         &["a sky that is nearest"],
     );
+
+    // What is only drawn is looked at as well.
+    let drawn = |name: &str| {
+        let (maps, out) = (at(name), at(&format!("figures-{name}")));
+        let words = [
+            "figures",
+            "--data",
+            &at("set"),
+            "--predictions",
+            &maps,
+            "--protocol",
+            "eigen-cameraz-80-nocrop",
+            "--out",
+            &out,
+            "--quiet",
+        ];
+        assert_eq!(run(Command::Bench, &words), 0, "{name}");
+        let record = Path::new(&out).join("figures.yaml");
+        std::fs::read_to_string(record).expect("figures.yaml")
+    };
+    assert!(!drawn("right").contains("warnings:"));
+    let said = drawn("millimetres");
+    assert!(
+        said.contains("warnings:") && said.contains("millimetres?"),
+        "{said}"
+    );
 }

@@ -198,7 +198,7 @@ impl Validation {
             nominal_focal_px: None,
         };
         let size = (truth.width, truth.height);
-        let truth = GroundTruth::new(size, truth.data, camera).map_err(unscored)?;
+        let truth = GroundTruth::new(size, &truth.data, camera).map_err(unscored)?;
         // A scan without a point in the crop gives no score, which is no failure of training.
         match evaluate(&self.protocol, &truth, &prediction.data) {
             Ok(scores) => Ok(scores.first().map(|score| score.metrics)),

@@ -1,14 +1,14 @@
 //! Models without a scale: values of the oracle, and what does not fit.
 
-use super::{EvaluateError, GroundTruth, ImageScore, Prediction, evaluate_prediction};
+use super::{EvaluateError, Fit, GroundTruth, ImageScore, Prediction, evaluate_prediction};
 use crate::protocol::{
     Alignment, BenchmarkCrop, Crop, KnownCamera, Protocol, StereoCamera, protocol,
 };
 
-const WIDTH: usize = 1242;
-const HEIGHT: usize = 375;
+pub(super) const WIDTH: usize = 1242;
+pub(super) const HEIGHT: usize = 375;
 
-fn truth_of(size: (usize, usize), depth_m: Vec<f32>) -> GroundTruth {
+pub(super) fn truth_of(size: (usize, usize), depth_m: Vec<f32>) -> GroundTruth {
     let calibration = StereoCamera {
         focal_px: 721.5377,
         baseline_m: 0.532_725_428,
@@ -17,11 +17,11 @@ fn truth_of(size: (usize, usize), depth_m: Vec<f32>) -> GroundTruth {
         calibration,
         nominal_focal_px: None,
     };
-    GroundTruth::new(size, depth_m, camera).unwrap()
+    GroundTruth::new(size, &depth_m, camera).unwrap()
 }
 
 /// A map by its formula in rows and columns.
-fn map(value: impl Fn(f64, f64) -> f64) -> Vec<f32> {
+pub(super) fn map(value: impl Fn(f64, f64) -> f64) -> Vec<f32> {
     (0..WIDTH * HEIGHT)
         .map(|i| value((i / WIDTH) as f64, (i % WIDTH) as f64) as f32)
         .collect()
@@ -55,8 +55,12 @@ fn scene() -> (GroundTruth, Vec<f32>, Vec<f32>) {
 }
 
 /// All numbers of a score in the order of the recipe.
-fn numbers(score: &ImageScore) -> Vec<f64> {
-    let fit = score.fit.unwrap();
+pub(super) fn numbers(score: &ImageScore) -> Vec<f64> {
+    // Without alignment depth is what it is.
+    let fit = score.fit.unwrap_or(Fit {
+        scale: 1.0,
+        shift: 0.0,
+    });
     let further = score.further.unwrap().to_array();
     [
         &score.metrics.to_array()[..],

@@ -12,15 +12,18 @@
 //! because a depth that is rounded otherwise may fall on the other side of an accuracy
 //! threshold. Everything after that is double precision.
 //!
-//! `truth` is what is known of an image, `alignment` the fit, `score` the steps. Not here: flip
-//! post-processing, see [`flip_blend`](crate::flip_blend).
+//! `truth` is what is known of an image, `alignment` the fit, `score` the steps, `scratch` what several
+//! protocols need not find twice. Not here: flip post-processing, see [`flip_blend`](crate::flip_blend).
 
 #[cfg(test)]
 mod aligned_tests;
 mod alignment;
 mod error;
+#[cfg(test)]
+mod models_tests;
 mod prediction;
 mod score;
+mod scratch;
 #[cfg(test)]
 mod tests;
 mod truth;
@@ -29,10 +32,11 @@ pub use alignment::Fit;
 pub use error::EvaluateError;
 pub use prediction::Prediction;
 pub use score::{Compared, ComparedPixel, ImageScore};
+pub use scratch::Scratch;
 pub use truth::GroundTruth;
 
 use crate::protocol::Protocol;
-use score::Scene;
+use score::{Places, Scene};
 
 /// Scores a predicted disparity, given as a fraction of image width at the size of the ground
 /// truth. Returns one score, or one per group that occurs in the image, in table order.
@@ -73,8 +77,28 @@ pub fn evaluate_prediction(
     prediction: Prediction<'_>,
     further: bool,
 ) -> Result<Vec<ImageScore>, EvaluateError> {
-    let scene = Scene::new(protocol, truth, prediction)?;
-    Ok(scene.score(further)?.scores)
+    let scene = Scene::new(protocol, truth, prediction, Places::All)?;
+    Ok(scene.score(further, &mut Scratch::default())?.scores)
+}
+
+/// Scores a prediction as [`evaluate_prediction`] does, of which there is a value for each
+/// [measured](GroundTruth::measured) pixel alone, in their order. `scratch` is that of the image: what one
+/// protocol finds, the next need not find again.
+///
+/// # Errors
+/// As for [`evaluate_prediction`].
+///
+/// # Panics
+/// If there are more or fewer values than measured pixels.
+pub fn evaluate_measured(
+    protocol: &Protocol,
+    truth: &GroundTruth,
+    prediction: Prediction<'_>,
+    further: bool,
+    scratch: &mut Scratch,
+) -> Result<Vec<ImageScore>, EvaluateError> {
+    let scene = Scene::new(protocol, truth, prediction, Places::Measured)?;
+    Ok(scene.score(further, scratch)?.scores)
 }
 
 /// Scores a prediction as [`evaluate_prediction`] does, and hands out what was compared.
@@ -87,6 +111,7 @@ pub fn evaluate_with_pixels(
     prediction: Prediction<'_>,
     further: bool,
 ) -> Result<(Vec<ImageScore>, Compared), EvaluateError> {
-    let scene = Scene::new(protocol, truth, prediction)?;
-    Ok(scene.score(further)?.with_pixels(&scene))
+    let scene = Scene::new(protocol, truth, prediction, Places::All)?;
+    let scored = scene.score(further, &mut Scratch::default())?;
+    Ok(scored.with_pixels(&scene))
 }

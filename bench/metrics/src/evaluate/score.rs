@@ -3,9 +3,10 @@
 use super::alignment::{Aligned, Fit};
 use super::error::EvaluateError;
 use super::prediction::Prediction;
-use super::truth::{GroundTruth, check_finite, check_plane, check_size};
+use super::scratch::Scratch;
+use super::truth::{GroundTruth, check_size, first_unusable};
 use crate::metrics::{
-    CropBox, FurtherMetrics, Metrics, all_metrics, benchmark_box, crop_box, d1_all, depth_metrics,
+    CropBox, FurtherMetrics, Metrics, Terms, benchmark_box, crop_box, d1_all, sums,
 };
 use crate::protocol::{
     Alignment, BenchmarkCrop, Camera, Group, Grouping, InfiniteDepth, LogBase, Protocol,
@@ -62,6 +63,15 @@ pub struct ComparedPixel {
     pub predicted_m: f64,
 }
 
+/// What the values of a prediction stand for, in their order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Places {
+    /// All pixels of the image.
+    All,
+    /// Its measured pixels.
+    Measured,
+}
+
 /// Scores with the pixels behind them.
 pub(super) struct Scored {
     pub(super) scores: Vec<ImageScore>,
@@ -70,18 +80,18 @@ pub(super) struct Scored {
 }
 
 impl Scored {
-    /// The scores, and what was compared.
+    /// The scores, and what was compared, of a prediction for all pixels.
     pub(super) fn with_pixels(self, scene: &Scene<'_>) -> (Vec<ImageScore>, Compared) {
         let is_grouped = scene.protocol.grouping != Grouping::None;
         let of_pixel = |pixel: &Pixel| ComparedPixel {
-            index: pixel.index,
+            index: scene.truth.measured[pixel.place as usize] as usize,
             truth_m: pixel.truth_m,
             predicted_m: scene.scored_m(pixel.value, self.aligned),
         };
         let scored = |pixel: &&Pixel| !is_grouped || pixel.group.is_some();
         let whole = 0..scene.truth.width * scene.truth.height;
         let predicted_m = whole.map(|index| {
-            let predicted = scene.predicted(index);
+            let predicted = scene.predicted(index, index);
             predicted.map_or(0.0, |predicted| {
                 scene.scored_m(predicted.value, self.aligned) as f32
             })
@@ -110,6 +120,7 @@ pub(super) struct Scene<'a> {
     protocol: &'a Protocol,
     truth: &'a GroundTruth,
     prediction: Prediction<'a>,
+    places: Places,
     /// Focal length times baseline: depth = this / disparity in pixels. 0 where nothing depends on
     /// the camera.
     focal_baseline: f64,
@@ -123,12 +134,13 @@ pub(super) struct Scene<'a> {
 }
 
 struct Pixel {
-    index: usize,
     truth_m: f64,
     /// As in [`Predicted`].
     value: f64,
-    /// True and predicted disparity in pixels.
-    disparity_px: (f32, f32),
+    /// In the list of measured pixels.
+    place: u32,
+    /// Predicted.
+    disparity_px: f32,
     floored: bool,
     group: Option<Group>,
 }
@@ -138,6 +150,7 @@ impl<'a> Scene<'a> {
         protocol: &'a Protocol,
         truth: &'a GroundTruth,
         prediction: Prediction<'a>,
+        places: Places,
     ) -> Result<Self, EvaluateError> {
         let invalid = |reason| EvaluateError::Protocol {
             name: protocol.name.clone(),
@@ -217,6 +230,7 @@ impl<'a> Scene<'a> {
             protocol,
             truth,
             prediction,
+            places,
             focal_baseline,
             min_depth_m,
             max_depth_m,
@@ -254,32 +268,50 @@ impl<'a> Scene<'a> {
                 fitting,
             });
         }
-        let width = self.truth.width;
-        check_size("prediction", plane.len(), width, self.truth.height)?;
-        match self.prediction {
-            Prediction::DisparityFraction(_) | Prediction::DepthM(_) => {
-                check_plane(plane, width, |row, column, value| {
-                    EvaluateError::Prediction {
-                        what,
-                        row,
-                        column,
-                        value,
-                    }
-                })
-            }
-            Prediction::InverseDepth(_) | Prediction::Depth(_) => {
-                check_finite(plane, width, |row, column, value| EvaluateError::Infinite {
-                    what,
-                    row,
-                    column,
-                    value,
-                })
-            }
+        let (width, height) = self.truth.size();
+        match self.places {
+            Places::All => check_size("prediction", plane.len(), width, height)?,
+            // Made for this truth by whoever calls.
+            Places::Measured => assert_eq!(
+                plane.len(),
+                self.truth.measured.len(),
+                "a value for each measured pixel"
+            ),
         }
+        let is_relative = matches!(
+            self.prediction,
+            Prediction::InverseDepth(_) | Prediction::Depth(_)
+        );
+        let unusable = match is_relative {
+            true => first_unusable(plane, f32::is_finite),
+            false => first_unusable(plane, |value| (0.0..=f32::MAX).contains(&value)),
+        };
+        let Some(first) = unusable else {
+            return Ok(());
+        };
+        let index = match self.places {
+            Places::All => first,
+            Places::Measured => self.truth.measured[first] as usize,
+        };
+        let (row, column, value) = (index / width, index % width, plane[first]);
+        Err(match is_relative {
+            true => EvaluateError::Infinite {
+                what,
+                row,
+                column,
+                value,
+            },
+            false => EvaluateError::Prediction {
+                what,
+                row,
+                column,
+                value,
+            },
+        })
     }
 
-    /// What is predicted at a pixel; `None` where nothing is.
-    fn predicted(&self, index: usize) -> Option<Predicted> {
+    /// What is predicted at a pixel, whose value is the one at `at`; `None` where nothing is.
+    fn predicted(&self, index: usize, at: usize) -> Option<Predicted> {
         if let Some(shown) = self.shown {
             let width = self.truth.width;
             if !shown.has(index / width, index % width) {
@@ -294,11 +326,11 @@ impl<'a> Scene<'a> {
         let aligns_inverse_depth = self.protocol.alignment.is_of_inverse_depth();
         match self.prediction {
             Prediction::DisparityFraction(plane) if aligns_inverse_depth => {
-                Some(of_value(plane[index]))
+                Some(of_value(plane[at]))
             }
-            Prediction::DisparityFraction(plane) => Some(self.of_disparity(plane[index])),
+            Prediction::DisparityFraction(plane) => Some(self.of_disparity(plane[at])),
             Prediction::DepthM(plane) => {
-                let depth_m = plane[index];
+                let depth_m = plane[at];
                 let value = f64::from(depth_m);
                 (depth_m != 0.0).then(|| Predicted {
                     value: if aligns_inverse_depth {
@@ -310,9 +342,7 @@ impl<'a> Scene<'a> {
                     floored: false,
                 })
             }
-            Prediction::InverseDepth(plane) | Prediction::Depth(plane) => {
-                Some(of_value(plane[index]))
-            }
+            Prediction::InverseDepth(plane) | Prediction::Depth(plane) => Some(of_value(plane[at])),
         }
     }
 
@@ -336,19 +366,19 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// What was measured, 0 where nothing was, and whether it is disparity in pixels rather than
+    /// What was measured, 0 where something else was, and whether it is disparity in pixels rather than
     /// depth in metres.
-    fn measured_plane(&self) -> (&'a [f32], bool) {
+    fn measured_values(&self) -> (&'a [f32], bool) {
         match &self.truth.disparity_px {
             Some(disparity_px) if self.protocol.ground_truth.is_stereo() => (disparity_px, true),
             _ => (&self.truth.depth_m, false),
         }
     }
 
-    /// True depth of a pixel in metres; `None` where there is none or the protocol masks it.
-    fn truth_m(&self, index: usize) -> Option<f64> {
-        let (measured, is_disparity) = self.measured_plane();
-        let measured = f64::from(measured[index]);
+    /// True depth in metres of a measured pixel; `None` where there is none or the protocol masks it.
+    fn truth_m(&self, place: usize) -> Option<f64> {
+        let (measured, is_disparity) = self.measured_values();
+        let measured = f64::from(measured[place]);
         if measured == 0.0 {
             return None;
         }
@@ -368,14 +398,19 @@ impl<'a> Scene<'a> {
         counts.then_some(truth_m)
     }
 
-    pub(super) fn score(&self, further: bool) -> Result<Scored, EvaluateError> {
+    pub(super) fn score(
+        &self,
+        further: bool,
+        scratch: &mut Scratch,
+    ) -> Result<Scored, EvaluateError> {
         let (protocol, truth) = (self.protocol, self.truth);
         let mut pixels = Vec::with_capacity(truth.measured.len());
         let mut unpredicted: Vec<Option<Group>> = Vec::new();
-        for index in truth.within(self.crop) {
-            let Some(truth_m) = self.truth_m(index) else {
+        for place in truth.within(self.crop) {
+            let Some(truth_m) = self.truth_m(place) else {
                 continue;
             };
+            let index = truth.measured[place] as usize;
             let group = match protocol.grouping {
                 Grouping::None => None,
                 Grouping::Cityscapes => truth
@@ -384,21 +419,19 @@ impl<'a> Scene<'a> {
                     .and_then(|ids| Group::of_label(ids[index])),
                 Grouping::Distance => Group::of_depth(truth_m),
             };
-            let Some(predicted) = self.predicted(index) else {
+            let at = match self.places {
+                Places::All => index,
+                Places::Measured => place,
+            };
+            let Some(predicted) = self.predicted(index, at) else {
                 unpredicted.push(group);
                 continue;
             };
             pixels.push(Pixel {
-                index,
                 truth_m,
                 value: predicted.value,
-                disparity_px: (
-                    truth
-                        .disparity_px
-                        .as_ref()
-                        .map_or(0.0, |plane| plane[index]),
-                    predicted.disparity_px,
-                ),
+                place: place as u32,
+                disparity_px: predicted.disparity_px,
                 floored: predicted.floored,
                 group,
             });
@@ -411,16 +444,22 @@ impl<'a> Scene<'a> {
                 pixel.floored = aligned.is_floored(pixel.value);
             }
         }
+        let compared = pixels.iter().map(|pixel| {
+            let predicted_m = self.scored_m(pixel.value, aligned);
+            (pixel.place, pixel.truth_m, predicted_m)
+        });
+        let terms = scratch.terms(compared);
+        let all = || pixels.iter().zip(terms);
         let mut scores: Vec<ImageScore> = match protocol.grouping {
             Grouping::None => self
-                .summarise(None, pixels.iter(), aligned, further)
+                .summarise(None, all(), aligned, further)
                 .into_iter()
                 .collect(),
             grouping => grouping
                 .groups()
                 .iter()
                 .filter_map(|&group| {
-                    let members = pixels.iter().filter(|pixel| pixel.group == Some(group));
+                    let members = all().filter(|(pixel, _)| pixel.group == Some(group));
                     self.summarise(Some(group), members, aligned, further)
                 })
                 .collect(),
@@ -456,27 +495,29 @@ impl<'a> Scene<'a> {
     fn summarise<'p>(
         &self,
         group: Option<Group>,
-        pixels: impl Iterator<Item = &'p Pixel> + Clone,
+        members: impl Iterator<Item = (&'p Pixel, &'p Terms)> + Clone,
         aligned: Aligned,
         further: bool,
     ) -> Option<ImageScore> {
         let strict = self.protocol.strict_comparisons;
-        let compared = |pixel: &Pixel| (pixel.truth_m, self.scored_m(pixel.value, aligned));
-        let pairs = pixels.clone().map(compared);
+        let terms = members.clone().map(|(_, terms)| *terms);
         let (mut metrics, further, sum_squared_error) = if further {
-            let (metrics, further, squared) = all_metrics(pairs, strict)?;
+            let (metrics, further, squared) = sums::<true>(terms, strict)?;
             (metrics, Some(further), squared)
         } else {
-            let (metrics, squared) = depth_metrics(pairs, strict)?;
+            let (metrics, _, squared) = sums::<false>(terms, strict)?;
             (metrics, None, squared)
         };
         if self.protocol.log_base == LogBase::Ten {
             metrics.rmse_log /= std::f64::consts::LN_10;
         }
         // Aligned depth no longer belongs to the disparity it was made of.
-        let d1_all = match self.protocol.d1_rule {
-            Some(rule) if aligned.fit.is_none() => {
-                d1_all(pixels.clone().map(|pixel| pixel.disparity_px), rule)
+        let d1_all = match (self.protocol.d1_rule, &self.truth.disparity_px) {
+            (Some(rule), Some(true_px)) if aligned.fit.is_none() => {
+                let pairs = members.clone();
+                let pairs =
+                    pairs.map(|(pixel, _)| (true_px[pixel.place as usize], pixel.disparity_px));
+                d1_all(pairs, rule)
             }
             _ => None,
         };
@@ -486,8 +527,8 @@ impl<'a> Scene<'a> {
             further,
             d1_all,
             sum_squared_error,
-            pixels: pixels.clone().count() as u64,
-            floored_pixels: pixels.filter(|pixel| pixel.floored).count() as u64,
+            pixels: members.clone().count() as u64,
+            floored_pixels: members.filter(|(pixel, _)| pixel.floored).count() as u64,
             fit: aligned.fit,
         })
     }

@@ -31,8 +31,8 @@ impl Image {
             nominal_focal_px: Some(self.focal_px),
         };
         let mut truth = match self.disparity_px {
-            Some(disparity_px) => GroundTruth::stereo(size, self.depth_m, disparity_px, camera)?,
-            None => GroundTruth::new(size, self.depth_m, camera)?,
+            Some(disparity_px) => GroundTruth::stereo(size, &self.depth_m, &disparity_px, camera)?,
+            None => GroundTruth::new(size, &self.depth_m, camera)?,
         };
         if let Some(labels) = self.labels {
             truth.set_labels(labels)?;

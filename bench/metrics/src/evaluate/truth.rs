@@ -4,17 +4,19 @@ use super::error::EvaluateError;
 use crate::metrics::CropBox;
 use crate::protocol::KnownCamera;
 
-/// What is known of an image: row-major planes, of which each value was looked at once.
+/// What is known of an image, of whose planes each value was looked at once.
 ///
-/// Several protocols look at the same planes, so where something was measured is found when the
-/// planes come in.
+/// Nineteen of twenty pixels of a scan have nothing, and several protocols look at the same image: what
+/// was measured is found when the planes come in, and nothing else is kept of them.
 #[derive(Clone, Debug)]
 pub struct GroundTruth {
     pub(super) width: usize,
     pub(super) height: usize,
-    /// Depth in metres, 0 where there is none.
+    /// Depth in metres of each measured pixel, 0 where it has disparity alone.
     pub(super) depth_m: Vec<f32>,
+    /// Disparity in pixels of each measured pixel, 0 where it has depth alone.
     pub(super) disparity_px: Option<Vec<f32>>,
+    /// Of all pixels.
     pub(super) labels: Option<Vec<u8>>,
     pub(super) camera: KnownCamera,
     /// Row-major indices of the pixels with ground truth, in ascending order.
@@ -24,16 +26,28 @@ pub struct GroundTruth {
 }
 
 impl GroundTruth {
-    /// Depth in metres at `size` (columns, rows), 0 where there is none.
+    /// Depth in metres at `size` (columns, rows), row-major, 0 where there is none.
     ///
     /// # Errors
     /// A plane of wrong size, and values that are negative or not finite.
     pub fn new(
         size: (usize, usize),
-        depth_m: Vec<f32>,
+        depth_m: &[f32],
         camera: KnownCamera,
     ) -> Result<Self, EvaluateError> {
-        Self::of_planes(size, depth_m, None, camera)
+        let (width, height) = size;
+        check_size("depth ground truth", depth_m.len(), width, height)?;
+        let mut truth = Self::empty(size, camera, depth_m.len());
+        let mut is_usable = true;
+        for row in 0..height {
+            let own = row * width..(row + 1) * width;
+            is_usable &= truth.find_in_row(&depth_m[own.clone()], own.start);
+            truth.rows.push(truth.measured.len());
+        }
+        if !is_usable {
+            check_truth(depth_m, "depth", width)?;
+        }
+        Ok(truth)
     }
 
     /// The same with disparity in pixels, 0 where there is none: stereo ground truth, whose depth
@@ -43,58 +57,70 @@ impl GroundTruth {
     /// As for [`GroundTruth::new`].
     pub fn stereo(
         size: (usize, usize),
-        depth_m: Vec<f32>,
-        disparity_px: Vec<f32>,
+        depth_m: &[f32],
+        disparity_px: &[f32],
         camera: KnownCamera,
     ) -> Result<Self, EvaluateError> {
-        Self::of_planes(size, depth_m, Some(disparity_px), camera)
+        let (width, height) = size;
+        check_size("depth ground truth", depth_m.len(), width, height)?;
+        check_truth(depth_m, "depth", width)?;
+        check_size("disparity ground truth", disparity_px.len(), width, height)?;
+        check_truth(disparity_px, "disparity", width)?;
+        let mut truth = Self::empty(size, camera, depth_m.len());
+        let mut disparities_px = Vec::new();
+        for row in 0..height {
+            for index in row * width..(row + 1) * width {
+                let (depth_m, disparity_px) = (depth_m[index], disparity_px[index]);
+                // What has only one of the two is some protocol's ground truth as well.
+                if depth_m != 0.0 || disparity_px != 0.0 {
+                    truth.measured.push(index as u32);
+                    truth.depth_m.push(depth_m);
+                    disparities_px.push(disparity_px);
+                }
+            }
+            truth.rows.push(truth.measured.len());
+        }
+        truth.disparity_px = Some(disparities_px);
+        Ok(truth)
     }
 
-    fn of_planes(
-        (width, height): (usize, usize),
-        depth_m: Vec<f32>,
-        disparity_px: Option<Vec<f32>>,
-        camera: KnownCamera,
-    ) -> Result<Self, EvaluateError> {
-        for (plane, what, values) in [
-            ("depth ground truth", "depth", Some(&depth_m)),
-            ("disparity ground truth", "disparity", disparity_px.as_ref()),
-        ] {
-            let Some(values) = values else { continue };
-            check_size(plane, values.len(), width, height)?;
-            check_plane(values, width, |row, column, value| EvaluateError::Truth {
-                what,
-                row,
-                column,
-                value,
-            })?;
-        }
-        // As many as a scan has, so that the list does not move while it grows.
-        let mut measured = Vec::with_capacity(depth_m.len() / 16);
+    fn empty((width, height): (usize, usize), camera: KnownCamera, pixels: usize) -> Self {
+        // As many as a scan has, so that the lists do not move while they grow.
+        let expected = pixels / 16;
         let mut rows = Vec::with_capacity(height + 1);
         rows.push(0);
-        for row in 0..height {
-            let own = row * width..(row + 1) * width;
-            match &disparity_px {
-                None => find_in_row(&depth_m[own.clone()], own.start, &mut measured),
-                // What has only one of the two is some protocol's ground truth as well.
-                Some(disparity_px) => measured.extend(
-                    own.filter(|&index| depth_m[index] != 0.0 || disparity_px[index] != 0.0)
-                        .map(|index| index as u32),
-                ),
-            }
-            rows.push(measured.len());
-        }
-        Ok(Self {
+        Self {
             width,
             height,
-            depth_m,
-            disparity_px,
+            depth_m: Vec::with_capacity(expected),
+            disparity_px: None,
             labels: None,
             camera,
-            measured,
+            measured: Vec::with_capacity(expected),
             rows,
-        })
+        }
+    }
+
+    /// Most pixels without anything lie in runs: finding the others is what takes time. Within a piece
+    /// they are gathered without a branch, since no processor can foresee them. Says whether each value
+    /// is one.
+    fn find_in_row(&mut self, row: &[f32], start: usize) -> bool {
+        let mut is_usable = true;
+        for (start, piece) in (start..).step_by(PIECE).zip(row.chunks(PIECE)) {
+            if piece.iter().fold(0, |all, value| all | value.to_bits()) == 0 {
+                continue;
+            }
+            let (mut indices, mut values, mut count) = ([0; PIECE], [0.0; PIECE], 0);
+            for (index, value) in piece.iter().enumerate() {
+                indices[count % PIECE] = (start + index) as u32;
+                values[count % PIECE] = *value;
+                count += usize::from(*value != 0.0);
+                is_usable &= is_measurable(*value);
+            }
+            self.measured.extend_from_slice(&indices[..count]);
+            self.depth_m.extend_from_slice(&values[..count]);
+        }
+        is_usable
     }
 
     /// Indices of all measured pixels, row by row.
@@ -125,7 +151,7 @@ impl GroundTruth {
         (self.width, self.height)
     }
 
-    /// Depth in metres, 0 where there is none.
+    /// Depth in metres of each [measured](Self::measured) pixel, 0 where it has disparity alone.
     #[must_use]
     pub fn depth_m(&self) -> &[f32] {
         &self.depth_m
@@ -137,35 +163,17 @@ impl GroundTruth {
         &self.camera
     }
 
-    /// Indices of measured pixels within a part of the image, row by row.
+    /// Places in [`measured`](Self::measured) of what lies in a part of the image, row by row.
     pub(super) fn within(&self, crop: CropBox) -> impl Iterator<Item = usize> {
         (crop.top..crop.bottom).flat_map(move |row| {
-            let own = &self.measured[self.rows[row]..self.rows[row + 1]];
+            let start = self.rows[row];
+            let own = &self.measured[start..self.rows[row + 1]];
             let before = |column: usize| {
                 let end = row * self.width + column;
-                own.partition_point(|&index| (index as usize) < end)
+                start + own.partition_point(|&index| (index as usize) < end)
             };
-            own[before(crop.left)..before(crop.right)]
-                .iter()
-                .map(|&index| index as usize)
+            before(crop.left)..before(crop.right)
         })
-    }
-}
-
-/// Nineteen of twenty pixels of a scan have nothing, most of them in runs: finding the others is
-/// what takes time. Within a piece their indices are gathered without a branch, since no processor
-/// can foresee them.
-fn find_in_row(row: &[f32], start: usize, found: &mut Vec<u32>) {
-    for (start, piece) in (start..).step_by(PIECE).zip(row.chunks(PIECE)) {
-        if piece.iter().fold(0, |all, value| all | value.to_bits()) == 0 {
-            continue;
-        }
-        let (mut indices, mut count) = ([0; PIECE], 0);
-        for (index, value) in piece.iter().enumerate() {
-            indices[count % PIECE] = (start + index) as u32;
-            count += usize::from(*value != 0.0);
-        }
-        found.extend_from_slice(&indices[..count]);
     }
 }
 
@@ -192,42 +200,29 @@ pub(super) fn check_size(
     }
 }
 
-/// Every value is finite and not negative.
-pub(super) fn check_plane(
-    plane: &[f32],
-    width: usize,
-    error: impl Fn(usize, usize, f32) -> EvaluateError,
-) -> Result<(), EvaluateError> {
-    check_values(
-        plane,
-        width,
-        |value| (0.0..=f32::MAX).contains(&value),
-        error,
-    )
+/// A measurement, or none.
+fn is_measurable(value: f32) -> bool {
+    (0.0..=f32::MAX).contains(&value)
 }
 
-/// Every value is finite.
-pub(super) fn check_finite(
-    plane: &[f32],
-    width: usize,
-    error: impl Fn(usize, usize, f32) -> EvaluateError,
-) -> Result<(), EvaluateError> {
-    check_values(plane, width, f32::is_finite, error)
+fn check_truth(plane: &[f32], what: &'static str, width: usize) -> Result<(), EvaluateError> {
+    match first_unusable(plane, is_measurable) {
+        None => Ok(()),
+        Some(index) => Err(EvaluateError::Truth {
+            what,
+            row: index / width,
+            column: index % width,
+            value: plane[index],
+        }),
+    }
 }
 
-fn check_values(
-    plane: &[f32],
-    width: usize,
-    usable: impl Fn(f32) -> bool,
-    error: impl Fn(usize, usize, f32) -> EvaluateError,
-) -> Result<(), EvaluateError> {
+/// Where the first value is that cannot be used.
+pub(super) fn first_unusable(values: &[f32], usable: impl Fn(f32) -> bool) -> Option<usize> {
     // Whole pieces without a way out are many values at a time for the processor.
     let piece = |values: &[f32]| values.iter().fold(true, |all, value| all & usable(*value));
-    if plane.chunks(1024).all(piece) {
-        return Ok(());
+    if values.chunks(1024).all(piece) {
+        return None;
     }
-    match plane.iter().position(|value| !usable(*value)) {
-        Some(index) => Err(error(index / width, index % width, plane[index])),
-        None => Ok(()),
-    }
+    values.iter().position(|value| !usable(*value))
 }

@@ -84,6 +84,7 @@ def compare(
     protocol: str | None = None,
     model_a: str | None = None,
     model_b: str | None = None,
+    metrics: bool = False,
     draws: int = 10_000,
     seed: int = 0,
 ) -> Records:
@@ -92,10 +93,11 @@ def compare(
     Each record has the means, ``difference`` (second minus first), its 95 % ``interval`` (``low``, ``high``),
     ``p_permutation``, ``p_wilcoxon`` and ``p_holm``; ``text`` is the same for people.
 
+    :param metrics: test the further metrics as well, of rows that were measured with them.
     :param draws: sign patterns that are drawn where there are too many to count.
     :raises ValueError: fewer than two models, or rows of different protocols or data.
     """
-    tests, text = _merged(rows).compare(protocol, model_a, model_b, draws, seed)
+    tests, text = _merged(rows).compare(protocol, model_a, model_b, draws, seed, metrics)
     return Records(json.loads(tests), text)
 
 

@@ -52,6 +52,8 @@ class Run:
     :param model: name in tables. ``NAME@SEED`` is one seed of a method.
     :param meaning: what the numbers of the maps are, with ``sigmoid``, ``scale`` and ``stretched`` as for
         :func:`strat.evaluate`.
+    :param metrics: measure the further metrics as well (``silog``, ``log10``, ``irmse``, ``mae``, ``sq_rel_2``), as
+        ``bench --metrics`` does.
     :param threads: threads that read images ahead.
     :raises OSError: no prepared set is there.
     :raises ValueError: the set cannot serve a protocol, or there is no such word.
@@ -67,6 +69,7 @@ class Run:
         sigmoid: tuple[float, float] | None = None,
         scale: float | None = None,
         stretched: bool = False,
+        metrics: bool = False,
         threads: int | None = None,
     ) -> None:
         if isinstance(protocols, str):
@@ -75,7 +78,8 @@ class Run:
         if self._threads < 1:
             raise ValueError("at least one thread is needed to read images")
         wanted = None if protocols is None else list(protocols)
-        self._run = _strat.Run(os.fspath(data), model, wanted, Meaning(meaning, sigmoid, scale, stretched))
+        numbers = Meaning(meaning, sigmoid, scale, stretched)
+        self._run = _strat.Run(os.fspath(data), model, wanted, numbers, metrics)
 
     def __len__(self) -> int:
         """How many test images there are."""
@@ -99,6 +103,9 @@ class Run:
     def add(self, image: str, prediction: Any) -> None:
         """Measures the map of one image.
 
+        With the last of the first eight images of the set it warns of what their maps look like and are not said
+        to be: near and far exchanged, a factor, a scale of their own, a map that is turned, a sky that is nearest.
+
         :param image: its id.
         :param prediction: as for :func:`strat.evaluate`.
         :raises ValueError: there is no such image, it has a map already, or the map cannot be scored; the
@@ -108,7 +115,8 @@ class Run:
             values = _arrays.floats(prediction)
         except ValueError as error:
             raise ValueError(f"image {image}: {error}") from None
-        self._run.add(image, values)
+        for text in self._run.add(image, values):
+            warnings.warn(text, stacklevel=2)
 
     @property
     def missing(self) -> list[str]:

@@ -44,6 +44,42 @@ pub fn bilinear_f32(source: &Plane, width: usize, height: usize) -> Plane {
     }
 }
 
+/// The values of [`bilinear_f32`] at some pixels of the resized plane alone, given by their row-major
+/// indices: the same to the last bit.
+///
+/// # Panics
+/// If a plane has no pixels, or an index is none of the resized plane.
+pub fn bilinear_at(source: &Plane, width: usize, height: usize, indices: &[u32]) -> Vec<f32> {
+    assert!(
+        source.width > 0 && source.height > 0 && width > 0 && height > 0,
+        "planes have pixels"
+    );
+    let columns = linear_taps(source.width, width);
+    let rows = linear_taps(source.height, height);
+    let mut values = Vec::with_capacity(indices.len());
+    let mut left = indices;
+    while let Some(&first) = left.first() {
+        let row = first as usize / width;
+        let (start, end) = (row * width, (row + 1) * width);
+        let is_of_row = |&&index: &&u32| (start..end).contains(&(index as usize));
+        let count = left.iter().take_while(is_of_row).count();
+        let (own, rest) = left.split_at(count);
+        let tap = &rows[row];
+        let (low, high) = (source.row(tap.low as usize), source.row(tap.high as usize));
+        let [of_low, of_high] = tap.weights;
+        values.extend(own.iter().map(|&index| {
+            let tap = &columns[index as usize - start];
+            let stretched = |values: &[f32]| {
+                values[tap.low as usize] * tap.weights[0]
+                    + values[tap.high as usize] * tap.weights[1]
+            };
+            stretched(low) * of_low + stretched(high) * of_high
+        }));
+        left = rest;
+    }
+    values
+}
+
 /// The two neighbours of a target pixel along one axis and their weights; small, as every pixel of
 /// a row asks for one.
 struct Tap {
@@ -132,6 +168,20 @@ mod tests {
             let bits = other.data.iter().map(|v| u64::from(v.to_bits()));
             assert_eq!(fingerprint(bits), expected, "{width}x{height}");
         }
+        for (width, height) in [(150, 90), (17, 20), (61, 37), (7, 90)] {
+            let whole = bilinear_f32(&plane(), width, height).data;
+            let some: Vec<u32> = (0..whole.len() as u32)
+                .filter(|i| i % 7 == 0 || i % 5 == 3)
+                .collect();
+            let bits = |value: f32| value.to_bits();
+            let expected: Vec<u32> = some.iter().map(|&i| bits(whole[i as usize])).collect();
+            let found: Vec<u32> = bilinear_at(&plane(), width, height, &some)
+                .into_iter()
+                .map(bits)
+                .collect();
+            assert_eq!(found, expected, "{width}x{height}");
+        }
+        assert_eq!(bilinear_at(&plane(), 7, 90, &[]), [0.0; 0]);
         let row = Plane::new(2, 1, vec![0.0, 1.0]).unwrap();
         assert_eq!(bilinear_f32(&row, 4, 1).data, [0.0, 0.25, 0.75, 1.0]);
         assert_eq!(bilinear_f32(&row, 2, 3).data, [0.0, 1.0].repeat(3));

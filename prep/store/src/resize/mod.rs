@@ -19,7 +19,7 @@ use image::RgbImage;
 use serde::{Deserialize, Serialize};
 
 pub use self::area::area_f32;
-pub use self::bilinear::bilinear_f32;
+pub use self::bilinear::{bilinear_at, bilinear_f32};
 pub use self::interpolate::{Alignment, Interpolation, interpolate_f32};
 
 /// How an image is brought to another size.
