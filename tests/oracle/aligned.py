@@ -6,8 +6,10 @@
 DATA/kitti_raw holds scans with their calibration; where there is no such folder, two frames of KITTI's
 native size are made first. The camera's depth of each scan, rounded as KITTI depth rounds, stands for improved
 ground truth: OUT/annotated, as `prep eigen --annotated` reads it. OUT has a folder of maps for each kind of
-model, exact but for a known scale and shift, and OUT/expected.json a record for each row: folder, protocol,
-image, and seven metrics, five further ones, scale and shift. The test `aligned` of strat-tests compares.
+model, exact but for a known scale and shift, and OUT/expected.json a record for each row: kind, protocol,
+image, and seven metrics, five further ones, scale and shift. The kind `network` has no maps: it is a network
+that sees the benchmark's crop of an image, where that is a PNG, and gives the depth RED_M says. The test
+`aligned` of strat-tests compares.
 """
 
 import json
@@ -34,6 +36,9 @@ P_rect_03: 721.5377 0 609.5593 -339.5242 0 721.5377 172.854 2.199936 0 0 1 0.002
 
 # Scale and shift that bring the exact maps back.
 DISPARITY, DEPTH = (0.02, 0.004), (3.0, 7.0)
+
+# Metres of the network `network` for red from 0 to 1: a + b red.
+RED_M = 2.0, 60.0
 
 IMPROVED, CUT, PUT_BACK = "improved", "cut", "put back"
 RULES = {  # truth as in the name; crop, near and far limit, habit of the benchmark's crop
@@ -107,13 +112,14 @@ def maps(true):
 
 def cases(kind):
     """(protocol, rules, alignment) that fit a kind of model."""
-    ending = "depth" if kind in ("depth", "metric") else "disparity"
-    named = ["eigen-improved-garg", "eigen-kb-garg"] if kind != "cut" else ["eigen-kb-garg"]
+    ending = "depth" if kind in ("depth", "metric", "network") else "disparity"
+    is_cut = kind in ("cut", "network")
+    named = ["eigen-kb-garg"] if is_cut else ["eigen-improved-garg", "eigen-kb-garg"]
     yield f"eigen-affine-{ending}", RULES["eigen-affine"], f"affine-{ending}"
     if kind == "metric":
         yield "eigen-affine-disparity", RULES["eigen-affine"], "affine-disparity"
     for name in named:
-        if kind == "metric":
+        if kind in ("metric", "network"):
             yield name, RULES[name], "none"
         for one in (f"scale-{ending}", f"affine-{ending}"):
             yield f"{name}-{one}", RULES[name], one
@@ -123,7 +129,7 @@ def cases(kind):
 
 def expected(kind, true, made, rules, how):
     crop, near, far, habit = rules
-    if kind == "cut":  # back to its place
+    if kind in ("cut", "network"):  # back to its place
         whole = np.zeros(true.shape)
         whole[alignment.benchmark_crop(*true.shape)] = made
         made = whole
@@ -145,11 +151,18 @@ def main(data, out):
         true = improved(raw, scan)
         folder = out / "annotated" / "val" / f"{drive}_sync" / "proj_depth" / "groundtruth" / "image_02"
         write_png(folder / f"{frame}.png", np.rint(true * 256))
-        for kind, (meaning, crop, made) in maps(true).items():
+        kinds = maps(true)
+        for kind, (meaning, crop, made) in kinds.items():
             folder = out / kind
             folder.mkdir(exist_ok=True)
             np.save(folder / f"{drive}_{frame}.npy", made)
             (folder / "predictions.yaml").write_text(f"meaning: {meaning}\ncrop: {crop}\n")
+        picture = scan.parents[2] / "image_02" / "data" / f"{frame}.png"
+        if picture.is_file():
+            red = inputs.png(picture)[alignment.benchmark_crop(*true.shape)][:, :, 0]
+            made = np.float32(RED_M[0]) + np.float32(RED_M[1]) * (red.astype(np.float32) / np.float32(255))
+            kinds["network"] = ("depth_m", "kitti-benchmark", made)
+        for kind, (_, _, made) in kinds.items():
             for protocol, rules, how in cases(kind):
                 values = expected(kind, true, made, rules, how)
                 if how == "none":

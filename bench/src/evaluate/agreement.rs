@@ -69,14 +69,24 @@ pub(super) fn spearman(truth: &[f32], predicted: &[f32]) -> Option<f64> {
 }
 
 fn ranks(values: &[f32]) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..values.len()).collect();
-    order.sort_unstable_by(|&a, &b| values[a].total_cmp(&values[b]));
+    // Whole numbers in the order of the values, with the places of these, are sorted without a look at them.
+    let key = |value: f32| {
+        let bits = value.to_bits();
+        let is_negative = bits >> 31 == 1;
+        if is_negative { !bits } else { bits | 1 << 31 }
+    };
+    let mut order: Vec<u64> = (0_u64..)
+        .zip(values)
+        .map(|(index, value)| u64::from(key(*value)) << 32 | index)
+        .collect();
+    order.sort_unstable();
+    let value = |place: u64| values[(place & u64::from(u32::MAX)) as usize];
     let mut ranks = vec![0.0; values.len()];
     let mut first = 0;
-    for run in order.chunk_by(|&a, &b| values[a] == values[b]) {
+    for run in order.chunk_by(|&a, &b| value(a) == value(b)) {
         let shared = first as f64 + (run.len() as f64 - 1.0) / 2.0;
-        for &index in run {
-            ranks[index] = shared;
+        for &place in run {
+            ranks[(place & u64::from(u32::MAX)) as usize] = shared;
         }
         first += run.len();
     }

@@ -305,3 +305,106 @@ pub(super) fn inverse(values: &[f32], factor: f32) -> Vec<f32> {
     let inverse = |&value: &f32| if value > 0.0 { factor / value } else { 0.0 };
     values.iter().map(inverse).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use strat_metrics::{KnownCamera, StereoCamera};
+
+    use super::*;
+
+    const SIZE: (usize, usize) = (1242, 375);
+
+    /// Every fifth pixel or so was measured.
+    fn truth() -> GroundTruth {
+        let depth_m: Vec<f32> = (0..SIZE.0 * SIZE.1)
+            .map(|i| if i % 5 == 0 || i % 37 == 3 { 5.0 } else { 0.0 })
+            .collect();
+        let calibration = StereoCamera {
+            focal_px: 721.5,
+            baseline_m: 0.54,
+        };
+        let camera = KnownCamera {
+            calibration,
+            nominal_focal_px: None,
+        };
+        GroundTruth::new(SIZE, &depth_m, camera).unwrap()
+    }
+
+    /// A map with a hole where nothing is predicted.
+    fn map() -> Plane {
+        let value = |i: usize| {
+            let (row, column) = (i / 160, i % 160);
+            let is_hole = (20..30).contains(&row) && (40..70).contains(&column);
+            if is_hole {
+                0.0
+            } else {
+                1.0 + (i as f32 / 31.0).sin()
+            }
+        };
+        Plane::new(160, 48, (0..160 * 48).map(value).collect()).unwrap()
+    }
+
+    /// At measured pixels stands what stands there in the whole map, to the last bit.
+    #[test]
+    fn measured_pixels_have_the_values_of_the_whole_map() {
+        let truth = truth();
+        let kinds: [fn(Plane) -> Prediction; 4] = [
+            Prediction::DisparityFraction,
+            Prediction::InverseDepth,
+            Prediction::DepthM,
+            Prediction::ConstantDepthM,
+        ];
+        for kind in kinds {
+            let form = Form::new(kind(map()));
+            for view in [View::Whole, View::KittiBenchmark] {
+                for resize in [Resize::DisparityBilinear, Resize::DepthNearest] {
+                    let whole = form.resized(view, resize, SIZE, 384.0).unwrap();
+                    let expected: Vec<u32> = truth
+                        .measured()
+                        .iter()
+                        .map(|&index| whole.data[index as usize].to_bits())
+                        .collect();
+                    let found = form.resized_at(view, resize, &truth, 384.0).unwrap();
+                    let found: Vec<u32> = found.into_iter().map(f32::to_bits).collect();
+                    assert!(
+                        found == expected,
+                        "{:?} {view:?} {resize:?}",
+                        form.prediction
+                    );
+                }
+            }
+        }
+        let form = Form::new(Prediction::Depth(map()));
+        let small = GroundTruth::new((640, 192), &[1.0; 640 * 192], *truth.camera()).unwrap();
+        let refused = form.resized_at(View::KittiBenchmark, Resize::DepthNearest, &small, 1.0);
+        assert!(matches!(refused, Err(SampleError::NoCrop(_))));
+    }
+
+    /// Protocols with the same ground truth share what was resized; with another one they do not.
+    #[test]
+    fn each_ground_truth_has_its_own_pixels() {
+        let scan = truth();
+        let camera = GroundTruth::new(SIZE, &vec![4.0; SIZE.0 * SIZE.1], *scan.camera()).unwrap();
+        let form = Form::new(Prediction::DisparityFraction(map()));
+        for _ in 0..2 {
+            for (name, truth) in [
+                ("eigen-80", &scan),
+                ("eigen-cameraz-80", &camera),
+                ("eigen-50", &scan),
+            ] {
+                let protocol = strat_metrics::protocol(name).unwrap();
+                let at = |everywhere| {
+                    form.at_truth(View::Whole, &protocol, truth, SIZE, 1.0, everywhere)
+                        .unwrap()
+                };
+                let whole = at(true);
+                let expected: Vec<f32> = truth
+                    .measured()
+                    .iter()
+                    .map(|&index| whole[index as usize])
+                    .collect();
+                assert_eq!(*at(false), expected, "{name}");
+            }
+        }
+    }
+}

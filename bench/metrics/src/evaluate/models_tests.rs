@@ -1,7 +1,7 @@
 //! Models of three kinds under each alignment that fits them, in four settings: every value of the oracle.
 
 use super::aligned_tests::{HEIGHT, WIDTH, map, numbers, truth_of};
-use super::{Prediction, evaluate_prediction};
+use super::{Prediction, Scratch, evaluate_measured, evaluate_prediction};
 use crate::protocol::{Alignment, BenchmarkCrop, Crop, Protocol, protocol};
 
 /// Recipe: make_golden.py align/models. Seven metrics, five further ones, scale and shift.
@@ -187,6 +187,13 @@ fn every_alignment_of_every_kind_of_model() {
             ..protocol("eigen-80").unwrap()
         };
         let score = evaluate_prediction(&rules, &truth, prediction, true).unwrap()[0];
+        let measured = match prediction {
+            Prediction::InverseDepth(_) => Prediction::InverseDepth(&some_inverse),
+            Prediction::Depth(_) => Prediction::Depth(&some_depth),
+            _ => Prediction::DepthM(&some_metric),
+        };
+        let again = evaluate_measured(&rules, &truth, measured, true, &mut scratch);
+        assert_eq!(again, Ok(vec![score]));
         assert_eq!(score.fit.is_none(), alignment == Alignment::None);
         for (index, (found, expected)) in numbers(&score).into_iter().zip(expected).enumerate() {
             assert!(
