@@ -54,6 +54,7 @@ pub mod ranking;
 pub mod rows;
 pub mod statistics;
 pub mod study;
+mod sums;
 pub mod tables;
 mod thesis;
 
@@ -64,8 +65,8 @@ pub use evaluate::{
 };
 pub use flip::flip_blend;
 pub use metrics::{
-    CropBox, FurtherMetric, FurtherMetrics, Metric, Metrics, all_metrics, benchmark_box, crop_box,
-    d1_all, depth_metrics, median,
+    CropBox, FurtherMetric, FurtherMetrics, Metric, Metrics, benchmark_box, crop_box, d1_all,
+    median,
 };
 pub use protocol::{
     Alignment, BenchmarkCrop, Camera, CameraError, Crop, D1Rule, GroundTruthKind, Group, Grouping,
@@ -73,3 +74,4 @@ pub use protocol::{
     StereoCamera, Suffix, UnknownGroup, protocol, protocols,
 };
 pub use rows::{Row, RowContext};
+pub use sums::{all_metrics, depth_metrics};

@@ -1,8 +1,7 @@
-//! The seven depth metrics, five further ones, D1-all, crop boxes and the median.
+//! What the seven depth metrics and the five further ones are called; D1-all, crop boxes and the median.
 //!
-//! Formulas: PROTOCOL 3.1, 3.2, 3.6, 10.2 and 10.3 (the traditional forms of Eigen et al.: squared error
-//! is divided by depth, not by its square; logarithms are natural). All sums are taken in
-//! double precision. What is a valid pixel is decided in [`evaluate`](crate::evaluate()).
+//! Formulas: PROTOCOL 3.2, 3.6 and 10.2. What is a valid pixel is decided in [`evaluate`](crate::evaluate()), and
+//! what the metrics of its pixels are in [`crate::sums`].
 
 use serde::{Deserialize, Serialize};
 
@@ -211,150 +210,39 @@ impl FurtherMetrics {
     }
 }
 
-/// What the metrics sum up of one pixel: functions of its two depths alone, each of them costly.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Terms {
-    /// True depth g in metres.
-    truth_m: f64,
-    /// Predicted depth p in metres.
-    predicted_m: f64,
-    ln_truth: f64,
-    ln_predicted: f64,
-    /// |g - p| / g.
-    abs_rel: f64,
-    /// (g - p)^2 / g.
-    sq_rel: f64,
-    /// max(g / p, p / g).
-    ratio: f64,
-}
-
-impl Terms {
-    pub(crate) fn new(truth_m: f64, predicted_m: f64) -> Self {
-        Self::with_logarithm(truth_m, predicted_m, truth_m.ln())
-    }
-
-    /// These terms if they are those of two depths, or the terms of those.
-    pub(crate) fn or_of(&self, truth_m: f64, predicted_m: f64) -> Self {
-        if self.truth_m != truth_m {
-            Self::new(truth_m, predicted_m)
-        } else if self.predicted_m != predicted_m {
-            Self::with_logarithm(truth_m, predicted_m, self.ln_truth)
-        } else {
-            *self
-        }
-    }
-
-    fn with_logarithm(g: f64, p: f64, ln_truth: f64) -> Self {
-        let error = g - p;
-        Self {
-            truth_m: g,
-            predicted_m: p,
-            ln_truth,
-            ln_predicted: p.ln(),
-            abs_rel: error.abs() / g,
-            sq_rel: error * error / g,
-            // The other one is at most 1.
-            ratio: g.max(p) / g.min(p),
-        }
-    }
-}
-
-/// Metrics and sum of squared errors (m^2) over pairs of true and predicted depth in metres,
-/// all positive and finite; `None` without pairs. With `strict`, a ratio equal to a threshold
-/// lies outside it, as in the reference.
-pub fn depth_metrics(
-    pairs: impl IntoIterator<Item = (f64, f64)>,
-    strict: bool,
-) -> Option<(Metrics, f64)> {
-    let terms = pairs.into_iter().map(|(g, p)| Terms::new(g, p));
-    let (metrics, _, squared) = sums::<false>(terms, strict)?;
-    Some((metrics, squared))
-}
-
-/// As [`depth_metrics`], with the further metrics from the same pass.
-pub fn all_metrics(
-    pairs: impl IntoIterator<Item = (f64, f64)>,
-    strict: bool,
-) -> Option<(Metrics, FurtherMetrics, f64)> {
-    let terms = pairs.into_iter().map(|(g, p)| Terms::new(g, p));
-    sums::<true>(terms, strict)
-}
-
-/// The further metrics are zeros where nobody asked for them.
-pub(crate) fn sums<const FURTHER: bool>(
-    pixels: impl IntoIterator<Item = Terms>,
-    strict: bool,
-) -> Option<(Metrics, FurtherMetrics, f64)> {
-    let (mut abs_rel, mut sq_rel, mut squared, mut squared_log) = (0.0, 0.0, 0.0, 0.0);
-    let (mut log, mut abs_log, mut squared_inverse) = (0.0, 0.0, 0.0);
-    let (mut absolute, mut squared_ratio) = (0.0, 0.0);
-    let mut within = [0_u64; 3];
-    let mut count = 0_u64;
-    for terms in pixels {
-        let error = terms.truth_m - terms.predicted_m;
-        let log_error = terms.ln_truth - terms.ln_predicted;
-        abs_rel += terms.abs_rel;
-        sq_rel += terms.sq_rel;
-        squared += error * error;
-        squared_log += log_error * log_error;
-        if FURTHER {
-            log += log_error;
-            abs_log += log_error.abs();
-            // (1/p - 1/g) = (g - p) / (g p), whose sign is lost in the square.
-            let inverse = terms.abs_rel / terms.predicted_m;
-            squared_ratio += terms.abs_rel * terms.abs_rel;
-            squared_inverse += inverse * inverse;
-            absolute += error.abs();
-        }
-        let ratio = terms.ratio;
-        for (hits, threshold) in within
-            .iter_mut()
-            .zip([1.25, 1.25 * 1.25, 1.25 * 1.25 * 1.25])
-        {
-            *hits += u64::from(ratio < threshold || (!strict && ratio == threshold));
-        }
-        count += 1;
-    }
-    if count == 0 {
-        return None;
-    }
-    let n = count as f64;
-    let [a1, a2, a3] = within.map(|hits| hits as f64 / n);
-    let metrics = Metrics {
-        abs_rel: abs_rel / n,
-        sq_rel: sq_rel / n,
-        rmse: (squared / n).sqrt(),
-        rmse_log: (squared_log / n).sqrt(),
-        a1,
-        a2,
-        a3,
-    };
-    let mean_log = log / n;
-    let further = FurtherMetrics {
-        // Rounding may leave less than nothing of a spread of zero.
-        silog: 100.0 * (squared_log / n - mean_log * mean_log).max(0.0).sqrt(),
-        log10: abs_log / n / std::f64::consts::LN_10,
-        irmse: 1000.0 * (squared_inverse / n).sqrt(),
-        mae: absolute / n,
-        sq_rel_2: squared_ratio / n,
-    };
-    Some((metrics, further, squared))
-}
-
 /// Percentage of wrong disparities over pairs of true and predicted disparity in pixels; pairs
 /// without ground truth (0) are passed over; `None` where nothing is left.
 ///
 /// Single precision throughout: the limits are met exactly by quarter-pixel disparities, and
 /// the reference decides those cases in single precision.
 pub fn d1_all(pairs: impl IntoIterator<Item = (f32, f32)>, rule: D1Rule) -> Option<f64> {
-    let (mut wrong, mut count) = (0_u64, 0_u64);
+    let mut wrong = WrongDisparities::default();
     for (g, p) in pairs {
+        wrong.add(g, p, rule);
+    }
+    wrong.percentage()
+}
+
+/// Counts what [`d1_all`] is the percentage of.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct WrongDisparities {
+    wrong: u64,
+    count: u64,
+}
+
+impl WrongDisparities {
+    /// A true and a predicted disparity in pixels; nothing where there is no true one (0).
+    pub(crate) fn add(&mut self, g: f32, p: f32, rule: D1Rule) {
         if g > 0.0 {
-            wrong += u64::from(is_wrong_disparity(g, p, rule));
-            count += 1;
+            self.wrong += u64::from(is_wrong_disparity(g, p, rule));
+            self.count += 1;
         }
     }
-    (count > 0).then(|| 100.0 * wrong as f64 / count as f64)
+
+    /// `None` where nothing was counted.
+    pub(crate) fn percentage(self) -> Option<f64> {
+        (self.count > 0).then(|| 100.0 * self.wrong as f64 / self.count as f64)
+    }
 }
 
 fn is_wrong_disparity(g: f32, p: f32, rule: D1Rule) -> bool {
@@ -471,31 +359,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn perfect_prediction() {
-        let (m, sse) = depth_metrics([2.0, 10.0, 40.0].map(|g| (g, g)), true).unwrap();
-        assert_eq!(m.to_array(), [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
-        assert_eq!(sse, 0.0);
-    }
-
-    /// Worked by hand: errors 1 and -2 for depths 2 and 8.
-    #[test]
-    fn two_pixels_by_hand() {
-        let (m, sse) = depth_metrics([(2.0, 1.0), (8.0, 10.0)], true).unwrap();
-        assert_eq!(m.abs_rel, (0.5 + 0.25) / 2.0);
-        assert_eq!(m.sq_rel, (0.5 + 0.5) / 2.0);
-        assert_eq!(m.rmse, 2.5_f64.sqrt());
-        let log = ((2.0_f64.ln().powi(2) + 0.8_f64.ln().powi(2)) / 2.0).sqrt();
-        assert!((m.rmse_log - log).abs() < 1e-15);
-        // Ratios 2 and exactly 1.25: the second is not below 1.25, the first not below 1.953.
-        assert_eq!([m.a1, m.a2, m.a3], [0.0, 0.5, 0.5]);
-        assert_eq!(sse, 5.0);
-        let (lenient, _) = depth_metrics([(2.0, 1.0), (8.0, 10.0)], false).unwrap();
-        assert_eq!(lenient.a1, 0.5);
-    }
-
-    #[test]
-    fn nothing_to_score() {
-        assert_eq!(depth_metrics([], true), None);
+    fn no_disparity_is_not_wrong() {
         assert_eq!(d1_all([(0.0, 9.0)], D1Rule::Inclusive), None);
     }
 
@@ -581,29 +445,6 @@ mod tests {
             [eigen.top, eigen.bottom, eigen.left, eigen.right],
             [23 + 117, 23 + 321, 13 + 43, 13 + 1172]
         );
-    }
-
-    /// By hand: a depth that is right up to a factor has no scale-invariant error.
-    #[test]
-    fn further_metrics_by_hand() {
-        let pairs = [(2.0, 2.2), (10.0, 11.0), (40.0, 44.0)];
-        let (seven, further, squared) = all_metrics(pairs, true).unwrap();
-        assert_eq!(depth_metrics(pairs, true), Some((seven, squared)));
-        assert!(further.silog < 1e-6, "{further:?}");
-        assert!((further.log10 - 1.1_f64.log10()).abs() < 1e-12);
-        assert!((further.mae - (0.2 + 1.0 + 4.0) / 3.0).abs() < 1e-12);
-        assert!((further.sq_rel_2 - 0.01).abs() < 1e-12);
-        // 1/2.2 - 1/2 = -0.0454..., 1/11 - 1/10 = -0.0090..., 1/44 - 1/40 = -0.0022...
-        let inverse = [1.0 / 22.0, 1.0 / 110.0, 1.0 / 440.0].map(|e: f64| 1e6 * e * e);
-        assert!((further.irmse - (inverse.iter().sum::<f64>() / 3.0).sqrt()).abs() < 1e-9);
-        // d = ln(p/g) of ln 2 and -ln 2: no mean, a spread of ln 2.
-        let (_, further, _) = all_metrics([(1.0, 2.0), (4.0, 2.0)], true).unwrap();
-        assert!((further.silog - 100.0 * 2.0_f64.ln()).abs() < 1e-9);
-        assert_eq!(
-            FurtherMetric::ALL.map(|m| further.get(m)),
-            further.to_array()
-        );
-        assert_eq!(FurtherMetrics::from_array(further.to_array()), further);
     }
 
     #[test]

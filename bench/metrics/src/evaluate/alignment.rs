@@ -29,6 +29,12 @@ pub(super) struct Aligned {
 }
 
 impl Aligned {
+    /// Without alignment.
+    pub(super) const NOT: Self = Self {
+        fit: None,
+        is_inverse: false,
+    };
+
     /// Fits pairs of predicted value and true depth (above 0, in metres): the values are inverse
     /// depth if the alignment fits that, depth otherwise.
     pub(super) fn of_pairs(
@@ -60,6 +66,7 @@ impl Aligned {
         }
     }
 
+    #[inline]
     fn moved(self, value: f64) -> f64 {
         match self.fit {
             Some(Fit { scale, shift }) => scale * value + shift,
@@ -68,6 +75,7 @@ impl Aligned {
     }
 
     /// Depth in metres of a value, before it is clipped.
+    #[inline]
     pub(super) fn depth_m(self, value: f64) -> f64 {
         if self.is_inverse {
             1.0 / self.moved(value).max(INVERSE_DEPTH_FLOOR)
@@ -77,6 +85,7 @@ impl Aligned {
     }
 
     /// Whether the aligned inverse depth of a value is raised to the floor.
+    #[inline]
     pub(super) fn is_floored(self, value: f64) -> bool {
         self.is_inverse && self.moved(value) < INVERSE_DEPTH_FLOOR
     }

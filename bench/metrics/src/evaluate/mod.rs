@@ -12,8 +12,8 @@
 //! because a depth that is rounded otherwise may fall on the other side of an accuracy
 //! threshold. Everything after that is double precision.
 //!
-//! `truth` is what is known of an image, `alignment` the fit, `score` the steps, `scratch` what several
-//! protocols need not find twice. Not here: flip post-processing, see [`flip_blend`](crate::flip_blend).
+//! `truth` is what is known of an image, `scene` what a pixel is, `alignment` the fit, `score` the steps,
+//! `scratch` what several protocols need not find twice. Not here: flip post-processing, see [`flip_blend`](crate::flip_blend).
 
 #[cfg(test)]
 mod aligned_tests;
@@ -22,8 +22,10 @@ mod error;
 #[cfg(test)]
 mod models_tests;
 mod prediction;
+mod scene;
 mod score;
 mod scratch;
+mod tallies;
 #[cfg(test)]
 mod tests;
 mod truth;
@@ -36,7 +38,7 @@ pub use scratch::Scratch;
 pub use truth::GroundTruth;
 
 use crate::protocol::Protocol;
-use score::{Places, Scene};
+use scene::{Places, Scene};
 
 /// Scores a predicted disparity, given as a fraction of image width at the size of the ground
 /// truth. Returns one score, or one per group that occurs in the image, in table order.
@@ -78,7 +80,7 @@ pub fn evaluate_prediction(
     further: bool,
 ) -> Result<Vec<ImageScore>, EvaluateError> {
     let scene = Scene::new(protocol, truth, prediction, Places::All)?;
-    Ok(scene.score(further, &mut Scratch::default())?.scores)
+    Ok(scene.score(further, &mut Scratch::default(), false)?.scores)
 }
 
 /// Scores a prediction as [`evaluate_prediction`] does, of which there is a value for each
@@ -98,7 +100,7 @@ pub fn evaluate_measured(
     scratch: &mut Scratch,
 ) -> Result<Vec<ImageScore>, EvaluateError> {
     let scene = Scene::new(protocol, truth, prediction, Places::Measured)?;
-    Ok(scene.score(further, scratch)?.scores)
+    Ok(scene.score(further, scratch, false)?.scores)
 }
 
 /// Scores a prediction as [`evaluate_prediction`] does, and hands out what was compared.
@@ -112,6 +114,6 @@ pub fn evaluate_with_pixels(
     further: bool,
 ) -> Result<(Vec<ImageScore>, Compared), EvaluateError> {
     let scene = Scene::new(protocol, truth, prediction, Places::All)?;
-    let scored = scene.score(further, &mut Scratch::default())?;
+    let scored = scene.score(further, &mut Scratch::default(), true)?;
     Ok(scored.with_pixels(&scene))
 }

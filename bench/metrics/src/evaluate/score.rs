@@ -3,14 +3,11 @@
 use super::alignment::{Aligned, Fit};
 use super::error::EvaluateError;
 use super::prediction::Prediction;
-use super::scratch::Scratch;
-use super::truth::{GroundTruth, check_size, first_unusable};
-use crate::metrics::{
-    CropBox, FurtherMetrics, Metrics, Terms, benchmark_box, crop_box, d1_all, sums,
-};
-use crate::protocol::{
-    Alignment, BenchmarkCrop, Camera, Group, Grouping, InfiniteDepth, LogBase, Protocol,
-};
+use super::scene::{Places, Predicted, Scene};
+use super::scratch::{Finder, Scratch};
+use super::tallies::{GroupTally, Tallies};
+use crate::metrics::{FurtherMetrics, Metrics};
+use crate::protocol::{Alignment, Group, Grouping, LogBase};
 
 /// Score of one image, or of one group of pixels in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,15 +60,6 @@ pub struct ComparedPixel {
     pub predicted_m: f64,
 }
 
-/// What the values of a prediction stand for, in their order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Places {
-    /// All pixels of the image.
-    All,
-    /// Its measured pixels.
-    Measured,
-}
-
 /// Scores with the pixels behind them.
 pub(super) struct Scored {
     pub(super) scores: Vec<ImageScore>,
@@ -91,7 +79,7 @@ impl Scored {
         let scored = |pixel: &&Pixel| !is_grouped || pixel.group.is_some();
         let whole = 0..scene.truth.width * scene.truth.height;
         let predicted_m = whole.map(|index| {
-            let predicted = scene.predicted(index, index);
+            let predicted = scene.predicted(index).filter(|_| scene.is_shown(index));
             predicted.map_or(0.0, |predicted| {
                 scene.scored_m(predicted.value, self.aligned) as f32
             })
@@ -108,31 +96,6 @@ impl Scored {
     }
 }
 
-struct Predicted {
-    /// Depth, or inverse depth where that is aligned.
-    value: f64,
-    disparity_px: f32,
-    floored: bool,
-}
-
-/// A protocol, an image and a prediction that were found to fit each other.
-pub(super) struct Scene<'a> {
-    protocol: &'a Protocol,
-    truth: &'a GroundTruth,
-    prediction: Prediction<'a>,
-    places: Places,
-    /// Focal length times baseline: depth = this / disparity in pixels. 0 where nothing depends on
-    /// the camera.
-    focal_baseline: f64,
-    /// Limits as the reference sees them beside single-precision depth.
-    min_depth_m: f32,
-    max_depth_m: f32,
-    /// Where a prediction is looked at: KITTI's benchmark crop.
-    shown: Option<CropBox>,
-    /// What is scored.
-    crop: CropBox,
-}
-
 struct Pixel {
     truth_m: f64,
     /// As in [`Predicted`].
@@ -145,273 +108,35 @@ struct Pixel {
     group: Option<Group>,
 }
 
-impl<'a> Scene<'a> {
-    pub(super) fn new(
-        protocol: &'a Protocol,
-        truth: &'a GroundTruth,
-        prediction: Prediction<'a>,
-        places: Places,
-    ) -> Result<Self, EvaluateError> {
-        let invalid = |reason| EvaluateError::Protocol {
-            name: protocol.name.clone(),
-            reason,
-        };
-        let (min_depth_m, max_depth_m) = (protocol.min_depth_m as f32, protocol.max_depth_m as f32);
-        if !(min_depth_m > 0.0 && min_depth_m < max_depth_m && max_depth_m.is_finite()) {
-            return Err(invalid("its depth limits are not 0 < min < max"));
-        }
-        let floor = protocol.disparity_floor_fraction;
-        if !(floor.is_finite() && floor >= 0.0) {
-            return Err(invalid("its disparity floor is not a number from 0 up"));
-        }
+/// Pixels that are worked on together: few enough to stay in the processor's nearest memory.
+const AT_A_TIME: usize = 256;
 
-        let missing = |what| EvaluateError::Missing {
-            name: protocol.name.clone(),
-            what,
-        };
-        if protocol.grouping == Grouping::Cityscapes && truth.labels.is_none() {
-            return Err(missing("an image of Cityscapes labels"));
-        }
-
-        // The depth plane of stereo ground truth was made with the nominal baseline.
-        if protocol.camera == Camera::Calibrated
-            && protocol.ground_truth.is_stereo()
-            && truth.disparity_px.is_none()
-        {
-            return Err(missing("ground truth as disparity"));
-        }
-        // Relative values need no camera.
-        let needs_camera = protocol.ground_truth.is_stereo()
-            || !matches!(
-                prediction,
-                Prediction::Depth(_) | Prediction::InverseDepth(_)
-            );
-        let focal_baseline = if needs_camera {
-            let camera = protocol.camera.resolve(&truth.camera, truth.width)?;
-            camera.focal_px * camera.baseline_m
-        } else {
-            0.0
-        };
-        let (width, height) = truth.size();
-        let shown = match protocol.benchmark_crop {
-            BenchmarkCrop::None => None,
-            BenchmarkCrop::Image | BenchmarkCrop::ImageAndTruth => {
-                let too_small = || EvaluateError::TooSmall {
-                    name: protocol.name.clone(),
-                    width,
-                    height,
-                };
-                Some(benchmark_box(width, height).ok_or_else(too_small)?)
-            }
-        };
-        // Where the crop's own rows and columns count from.
-        let whole = CropBox {
-            top: 0,
-            bottom: height,
-            left: 0,
-            right: width,
-        };
-        let base = match (protocol.benchmark_crop, shown) {
-            (BenchmarkCrop::ImageAndTruth, Some(shown)) => shown,
-            _ => whole,
-        };
-        let (width, height) = base.size();
-        let crop = crop_box(protocol.crop, width, height);
-        if crop.bottom > height || crop.right > width {
-            return Err(EvaluateError::Crop {
-                bottom: crop.bottom,
-                right: crop.right,
-                width,
-                height,
-            });
-        }
-        let crop = base.placed(crop);
-        let scene = Self {
-            protocol,
-            truth,
-            prediction,
-            places,
-            focal_baseline,
-            min_depth_m,
-            max_depth_m,
-            shown,
-            crop,
-        };
-        scene.check_prediction()?;
-        Ok(scene)
-    }
-
-    fn check_prediction(&self) -> Result<(), EvaluateError> {
-        use Alignment as A;
-        let (plane, what, fitting): (_, _, &'static [Alignment]) = match self.prediction {
-            Prediction::DisparityFraction(plane) => (plane, "disparity", &A::ALL),
-            Prediction::DepthM(plane) => (plane, "depth", &A::ALL),
-            Prediction::InverseDepth(plane) => (
-                plane,
-                "inverse depth without unit",
-                &[A::ScaleDisparity, A::AffineDisparity],
-            ),
-            Prediction::Depth(plane) => (
-                plane,
-                "depth without unit",
-                &[A::Median, A::ScaleDepth, A::AffineDepth],
-            ),
-        };
-        let Protocol {
-            name, alignment, ..
-        } = self.protocol;
-        if !fitting.contains(alignment) {
-            return Err(EvaluateError::Alignment {
-                name: name.clone(),
-                alignment: *alignment,
-                what,
-                fitting,
-            });
-        }
-        let (width, height) = self.truth.size();
-        match self.places {
-            Places::All => check_size("prediction", plane.len(), width, height)?,
-            // Made for this truth by whoever calls.
-            Places::Measured => assert_eq!(
-                plane.len(),
-                self.truth.measured.len(),
-                "a value for each measured pixel"
-            ),
-        }
-        let is_relative = matches!(
-            self.prediction,
-            Prediction::InverseDepth(_) | Prediction::Depth(_)
-        );
-        let unusable = match is_relative {
-            true => first_unusable(plane, f32::is_finite),
-            false => first_unusable(plane, |value| (0.0..=f32::MAX).contains(&value)),
-        };
-        let Some(first) = unusable else {
-            return Ok(());
-        };
-        let index = match self.places {
-            Places::All => first,
-            Places::Measured => self.truth.measured[first] as usize,
-        };
-        let (row, column, value) = (index / width, index % width, plane[first]);
-        Err(match is_relative {
-            true => EvaluateError::Infinite {
-                what,
-                row,
-                column,
-                value,
-            },
-            false => EvaluateError::Prediction {
-                what,
-                row,
-                column,
-                value,
-            },
-        })
-    }
-
-    /// What is predicted at a pixel, whose value is the one at `at`; `None` where nothing is.
-    fn predicted(&self, index: usize, at: usize) -> Option<Predicted> {
-        if let Some(shown) = self.shown {
-            let width = self.truth.width;
-            if !shown.has(index / width, index % width) {
-                return None;
-            }
-        }
-        let of_value = |value: f32| Predicted {
-            value: f64::from(value),
-            disparity_px: 0.0,
-            floored: false,
-        };
+impl Scene<'_> {
+    /// Visits the pixels that the protocol scores, row by row, and counts those without a prediction.
+    fn visit(&self, tallies: &mut Tallies, mut each: impl FnMut(Pixel, &mut Tallies)) {
         let aligns_inverse_depth = self.protocol.alignment.is_of_inverse_depth();
+        // Decided once: what is done at a pixel is a few instructions.
         match self.prediction {
-            Prediction::DisparityFraction(plane) if aligns_inverse_depth => {
-                Some(of_value(plane[at]))
+            Prediction::DisparityFraction(values) if !aligns_inverse_depth => {
+                self.visit_with(tallies, |at| Some(self.of_disparity(values[at])), &mut each);
             }
-            Prediction::DisparityFraction(plane) => Some(self.of_disparity(plane[at])),
-            Prediction::DepthM(plane) => {
-                let depth_m = plane[at];
-                let value = f64::from(depth_m);
-                (depth_m != 0.0).then(|| Predicted {
-                    value: if aligns_inverse_depth {
-                        1.0 / value
-                    } else {
-                        value
-                    },
-                    disparity_px: (self.focal_baseline / value) as f32,
-                    floored: false,
-                })
-            }
-            Prediction::InverseDepth(plane) | Prediction::Depth(plane) => Some(of_value(plane[at])),
+            _ => self.visit_with(tallies, |at| self.predicted(at), &mut each),
         }
     }
 
-    /// A disparity, a fraction of the width, as depth; see the precision above.
-    fn of_disparity(&self, fraction: f32) -> Predicted {
-        let floor = self.protocol.disparity_floor_fraction as f32;
-        let disparity_px = self.truth.width as f32 * fraction.max(floor);
-        let depth_m = self.focal_baseline as f32 / disparity_px;
-        let infinite = match self.protocol.infinite_depth {
-            InfiniteDepth::FarLimit => f32::INFINITY,
-            InfiniteDepth::NearLimit => 0.0,
-        };
-        Predicted {
-            value: f64::from(if depth_m.is_infinite() {
-                infinite
-            } else {
-                depth_m
-            }),
-            disparity_px,
-            floored: fraction < floor,
-        }
-    }
-
-    /// What was measured, 0 where something else was, and whether it is disparity in pixels rather than
-    /// depth in metres.
-    fn measured_values(&self) -> (&'a [f32], bool) {
-        match &self.truth.disparity_px {
-            Some(disparity_px) if self.protocol.ground_truth.is_stereo() => (disparity_px, true),
-            _ => (&self.truth.depth_m, false),
-        }
-    }
-
-    /// True depth in metres of a measured pixel; `None` where there is none or the protocol masks it.
-    fn truth_m(&self, place: usize) -> Option<f64> {
-        let (measured, is_disparity) = self.measured_values();
-        let measured = f64::from(measured[place]);
-        if measured == 0.0 {
-            return None;
-        }
-        let truth_m = if is_disparity {
-            self.focal_baseline / measured
-        } else {
-            measured
-        };
-        let (min, max) = (f64::from(self.min_depth_m), f64::from(self.max_depth_m));
-        let counts = if !self.protocol.mask_ground_truth {
-            truth_m > 0.0
-        } else if self.protocol.strict_comparisons {
-            truth_m > min && truth_m < max
-        } else {
-            truth_m >= min && truth_m <= max
-        };
-        counts.then_some(truth_m)
-    }
-
-    pub(super) fn score(
+    fn visit_with(
         &self,
-        further: bool,
-        scratch: &mut Scratch,
-    ) -> Result<Scored, EvaluateError> {
-        let (protocol, truth) = (self.protocol, self.truth);
-        let mut pixels = Vec::with_capacity(truth.measured.len());
-        let mut unpredicted: Vec<Option<Group>> = Vec::new();
-        for place in truth.within(self.crop) {
+        tallies: &mut Tallies,
+        predicted: impl Fn(usize) -> Option<Predicted>,
+        mut each: impl FnMut(Pixel, &mut Tallies),
+    ) {
+        let truth = self.truth;
+        for place in truth.within(self.crop).flatten() {
             let Some(truth_m) = self.truth_m(place) else {
                 continue;
             };
             let index = truth.measured[place] as usize;
-            let group = match protocol.grouping {
+            let group = match self.protocol.grouping {
                 Grouping::None => None,
                 Grouping::Cityscapes => truth
                     .labels
@@ -423,54 +148,128 @@ impl<'a> Scene<'a> {
                 Places::All => index,
                 Places::Measured => place,
             };
-            let Some(predicted) = self.predicted(index, at) else {
-                unpredicted.push(group);
+            let Some(predicted) = predicted(at).filter(|_| self.is_shown(index)) else {
+                tallies.add_unpredicted(group);
                 continue;
             };
-            pixels.push(Pixel {
+            let pixel = Pixel {
                 truth_m,
                 value: predicted.value,
                 place: place as u32,
                 disparity_px: predicted.disparity_px,
                 floored: predicted.floored,
                 group,
-            });
+            };
+            each(pixel, tallies);
         }
+    }
 
-        let pairs = pixels.iter().map(|pixel| (pixel.value, pixel.truth_m));
-        let aligned = Aligned::of_pairs(protocol.alignment, pairs)?;
-        if protocol.alignment.is_of_inverse_depth() {
-            for pixel in &mut pixels {
-                pixel.floored = aligned.is_floored(pixel.value);
-            }
-        }
-        let compared = pixels.iter().map(|pixel| {
+    /// Adds pixels to what is known of their groups.
+    fn add<const FURTHER: bool>(
+        &self,
+        pixels: &[Pixel],
+        aligned: Aligned,
+        finder: &mut Finder<'_>,
+        tallies: &mut Tallies,
+    ) {
+        let strict = self.protocol.strict_comparisons;
+        // First what calls for a logarithm, then sums, which so stay in the processor's registers.
+        let terms = finder.terms(pixels.iter().map(|pixel| {
             let predicted_m = self.scored_m(pixel.value, aligned);
             (pixel.place, pixel.truth_m, predicted_m)
-        });
-        let terms = scratch.terms(compared);
-        let all = || pixels.iter().zip(terms);
-        let mut scores: Vec<ImageScore> = match protocol.grouping {
-            Grouping::None => self
-                .summarise(None, all(), aligned, further)
-                .into_iter()
-                .collect(),
-            grouping => grouping
-                .groups()
-                .iter()
-                .filter_map(|&group| {
-                    let members = all().filter(|(pixel, _)| pixel.group == Some(group));
-                    self.summarise(Some(group), members, aligned, further)
-                })
-                .collect(),
-        };
-        for score in &mut scores {
-            let missing = unpredicted.iter().filter(|group| **group == score.group);
-            score.floored_pixels += missing.count() as u64;
+        }));
+        if let [(None, all)] = tallies.groups.as_mut_slice() {
+            let mut sums = all.sums;
+            for terms in terms {
+                sums.add::<FURTHER>(terms, strict);
+            }
+            all.sums = sums;
+        } else {
+            for (pixel, terms) in pixels.iter().zip(terms) {
+                if let Some(own) = tallies.of(pixel.group) {
+                    own.sums.add::<FURTHER>(terms, strict);
+                }
+            }
         }
-        if scores.is_empty() && !unpredicted.is_empty() {
+        // Aligned depth no longer belongs to the disparity it was made of.
+        let rule = self.protocol.d1_rule.filter(|_| aligned.fit.is_none());
+        let disparities = rule.zip(self.truth.disparity_px.as_ref());
+        for pixel in pixels {
+            let Some(own) = tallies.of(pixel.group) else {
+                continue;
+            };
+            own.floored += u64::from(pixel.floored);
+            if let Some((rule, true_px)) = disparities {
+                let true_px = true_px[pixel.place as usize];
+                own.disparities.add(true_px, pixel.disparity_px, rule);
+            }
+        }
+    }
+
+    /// Scores, and the pixels behind them if they are to be `kept`.
+    pub(super) fn score(
+        &self,
+        further: bool,
+        scratch: &mut Scratch,
+        kept: bool,
+    ) -> Result<Scored, EvaluateError> {
+        match further {
+            true => self.score_with::<true>(scratch, kept),
+            false => self.score_with::<false>(scratch, kept),
+        }
+    }
+
+    fn score_with<const FURTHER: bool>(
+        &self,
+        scratch: &mut Scratch,
+        kept: bool,
+    ) -> Result<Scored, EvaluateError> {
+        let (protocol, truth) = (self.protocol, self.truth);
+        let mut tallies = Tallies::new(protocol.grouping);
+        let mut pixels = Vec::new();
+        let mut finder = scratch.begin(truth.measured.len());
+        let aligned = if protocol.alignment == Alignment::None {
+            // Nothing has to be known of the other pixels.
+            let aligned = Aligned::NOT;
+            let mut some = Vec::with_capacity(AT_A_TIME);
+            self.visit(&mut tallies, |pixel, tallies| {
+                some.push(pixel);
+                if some.len() == AT_A_TIME {
+                    self.add::<FURTHER>(&some, aligned, &mut finder, tallies);
+                    if kept {
+                        pixels.append(&mut some);
+                    }
+                    some.clear();
+                }
+            });
+            self.add::<FURTHER>(&some, aligned, &mut finder, &mut tallies);
+            if kept {
+                pixels.append(&mut some);
+            }
+            aligned
+        } else {
+            pixels.reserve_exact(truth.measured.len());
+            self.visit(&mut tallies, |pixel, _| pixels.push(pixel));
+            let pairs = pixels.iter().map(|pixel| (pixel.value, pixel.truth_m));
+            let aligned = Aligned::of_pairs(protocol.alignment, pairs)?;
+            if protocol.alignment.is_of_inverse_depth() {
+                for pixel in &mut pixels {
+                    pixel.floored = aligned.is_floored(pixel.value);
+                }
+            }
+            for some in pixels.chunks(AT_A_TIME) {
+                self.add::<FURTHER>(some, aligned, &mut finder, &mut tallies);
+            }
+            aligned
+        };
+        let scores: Vec<ImageScore> = tallies
+            .groups
+            .iter()
+            .filter_map(|(group, tally)| self.summarise::<FURTHER>(*group, tally, aligned))
+            .collect();
+        if scores.is_empty() && tallies.unpredicted > 0 {
             return Err(EvaluateError::NothingPredicted {
-                pixels: unpredicted.len(),
+                pixels: tallies.unpredicted,
             });
         }
         if scores.is_empty() {
@@ -487,48 +286,31 @@ impl<'a> Scene<'a> {
     }
 
     /// A prediction as it is compared: aligned, then clipped.
+    #[inline]
     fn scored_m(&self, value: f64, aligned: Aligned) -> f64 {
         let depth_m = aligned.depth_m(value);
         depth_m.clamp(f64::from(self.min_depth_m), f64::from(self.max_depth_m))
     }
 
-    fn summarise<'p>(
+    /// `None` without pixels.
+    fn summarise<const FURTHER: bool>(
         &self,
         group: Option<Group>,
-        members: impl Iterator<Item = (&'p Pixel, &'p Terms)> + Clone,
+        tally: &GroupTally,
         aligned: Aligned,
-        further: bool,
     ) -> Option<ImageScore> {
-        let strict = self.protocol.strict_comparisons;
-        let terms = members.clone().map(|(_, terms)| *terms);
-        let (mut metrics, further, sum_squared_error) = if further {
-            let (metrics, further, squared) = sums::<true>(terms, strict)?;
-            (metrics, Some(further), squared)
-        } else {
-            let (metrics, _, squared) = sums::<false>(terms, strict)?;
-            (metrics, None, squared)
-        };
+        let mut metrics = tally.sums.metrics()?;
         if self.protocol.log_base == LogBase::Ten {
             metrics.rmse_log /= std::f64::consts::LN_10;
         }
-        // Aligned depth no longer belongs to the disparity it was made of.
-        let d1_all = match (self.protocol.d1_rule, &self.truth.disparity_px) {
-            (Some(rule), Some(true_px)) if aligned.fit.is_none() => {
-                let pairs = members.clone();
-                let pairs =
-                    pairs.map(|(pixel, _)| (true_px[pixel.place as usize], pixel.disparity_px));
-                d1_all(pairs, rule)
-            }
-            _ => None,
-        };
         Some(ImageScore {
             group,
             metrics,
-            further,
-            d1_all,
-            sum_squared_error,
-            pixels: members.clone().count() as u64,
-            floored_pixels: members.filter(|(pixel, _)| pixel.floored).count() as u64,
+            further: tally.sums.further_metrics().filter(|_| FURTHER),
+            d1_all: tally.disparities.percentage(),
+            sum_squared_error: tally.sums.sum_squared_error(),
+            pixels: tally.sums.count(),
+            floored_pixels: tally.floored,
             fit: aligned.fit,
         })
     }

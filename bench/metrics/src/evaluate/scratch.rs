@@ -1,12 +1,12 @@
 //! What protocols work out alike at the pixels of one image.
 //!
-//! Protocols that differ in a cap or a crop compare the same two depths at most pixels. What one has found
-//! there, two logarithms and three quotients, the next takes over wherever it meets the same two numbers:
-//! no digit depends on it. Not here: which pixels these are.
+//! Protocols that differ in a cap or a crop compare the same two depths at most pixels. What the first has found
+//! there, two logarithms and three quotients, the others take over wherever they meet the same numbers: no digit
+//! depends on it. Not here: which pixels these are.
 
-use crate::metrics::Terms;
+use crate::sums::Terms;
 
-/// What the protocol before has found at the pixels of an image.
+/// What the first protocol has found at the pixels of an image.
 ///
 /// One for each image, handed to [`evaluate_measured`](super::evaluate_measured) protocol by protocol.
 #[derive(Clone, Debug, Default)]
@@ -17,26 +17,58 @@ pub struct Scratch {
 }
 
 impl Scratch {
-    /// What the metrics sum up at pixels, given by place in ascending order with true and predicted
-    /// depth in metres.
-    pub(super) fn terms(
-        &mut self,
-        pixels: impl ExactSizeIterator<Item = (u32, f64, f64)>,
-    ) -> &[Terms] {
-        let before = std::mem::take(self);
-        let mut known = before.places.iter().zip(&before.terms).peekable();
-        self.places.reserve_exact(pixels.len());
-        self.terms.reserve_exact(pixels.len());
-        for (place, truth_m, predicted_m) in pixels {
-            while known.next_if(|(known, _)| **known < place).is_some() {}
-            let terms = match known.peek() {
-                Some((known, terms)) if **known == place => terms.or_of(truth_m, predicted_m),
-                _ => Terms::new(truth_m, predicted_m),
-            };
-            self.places.push(place);
-            self.terms.push(terms);
+    /// One that holds nothing is filled by the next protocol, which has at most so many pixels.
+    pub(super) fn begin(&mut self, pixels: usize) -> Finder<'_> {
+        let is_empty = self.places.is_empty();
+        if is_empty {
+            self.places.reserve_exact(pixels);
+            self.terms.reserve_exact(pixels);
         }
-        &self.terms
+        Finder {
+            scratch: self,
+            is_filling: is_empty,
+            next: 0,
+            found: Vec::new(),
+        }
+    }
+}
+
+/// One protocol on its way through the pixels.
+pub(super) struct Finder<'a> {
+    scratch: &'a mut Scratch,
+    is_filling: bool,
+    next: usize,
+    found: Vec<Terms>,
+}
+
+impl Finder<'_> {
+    /// What the metrics sum up at each of some pixels, which come after the ones before: by place, with true
+    /// and predicted depth in metres.
+    pub(super) fn terms(&mut self, pixels: impl Iterator<Item = (u32, f64, f64)>) -> &[Terms] {
+        let Scratch { places, terms } = &mut *self.scratch;
+        if self.is_filling {
+            let first = terms.len();
+            terms.extend(pixels.map(|(place, truth_m, predicted_m)| {
+                places.push(place);
+                Terms::new(truth_m, predicted_m)
+            }));
+            return &terms[first..];
+        }
+        let next = &mut self.next;
+        self.found.clear();
+        self.found
+            .extend(pixels.map(|(place, truth_m, predicted_m)| {
+                while places.get(*next).is_some_and(|known| *known < place) {
+                    *next += 1;
+                }
+                match (places.get(*next), terms.get(*next)) {
+                    (Some(known), Some(terms)) if *known == place => {
+                        terms.or_of(truth_m, predicted_m)
+                    }
+                    _ => Terms::new(truth_m, predicted_m),
+                }
+            }));
+        &self.found
     }
 }
 
@@ -48,20 +80,26 @@ mod tests {
     #[test]
     fn what_was_found_before_changes_nothing() {
         let mut scratch = Scratch::default();
-        for pixels in [
-            vec![(1, 10.0, 11.0), (4, 20.0, 90.0), (5, 7.0, 7.5)],
-            vec![
+        let cases: [&[(u32, f64, f64)]; 5] = [
+            &[],
+            &[(1, 10.0, 11.0), (4, 20.0, 90.0), (5, 7.0, 7.5)],
+            &[
                 (0, 3.0, 3.1),
                 (4, 20.0, 50.0),
                 (5, 7.0, 7.5),
                 (9, 60.0, 50.0),
             ],
-            vec![(4, 21.0, 50.0)],
-            vec![],
-            vec![(4, 21.0, 50.0)],
-        ] {
-            let fresh: Vec<Terms> = pixels.iter().map(|&(_, g, p)| Terms::new(g, p)).collect();
-            assert_eq!(scratch.terms(pixels.into_iter()), fresh);
+            &[(4, 21.0, 50.0)],
+            &[(5, 7.0, 7.5)],
+        ];
+        for pixels in cases {
+            let expected: Vec<Terms> = pixels.iter().map(|&(_, g, p)| Terms::new(g, p)).collect();
+            let mut finder = scratch.begin(pixels.len());
+            let (some, others) = pixels.split_at(pixels.len() / 2);
+            let found = finder.terms(some.iter().copied()).to_vec();
+            let found = [&found, finder.terms(others.iter().copied())].concat();
+            assert_eq!(found, expected);
         }
+        assert_eq!(scratch.places, [1, 4, 5]);
     }
 }

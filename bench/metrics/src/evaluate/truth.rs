@@ -1,5 +1,7 @@
 //! What is known of an image, and which of its pixels were measured.
 
+use std::ops::Range;
+
 use super::error::EvaluateError;
 use crate::metrics::CropBox;
 use crate::protocol::KnownCamera;
@@ -38,12 +40,15 @@ impl GroundTruth {
         let (width, height) = size;
         check_size("depth ground truth", depth_m.len(), width, height)?;
         let mut truth = Self::empty(size, camera, depth_m.len());
-        let mut is_usable = true;
-        for row in 0..height {
-            let own = row * width..(row + 1) * width;
-            is_usable &= truth.find_in_row(&depth_m[own.clone()], own.start);
-            truth.rows.push(truth.measured.len());
-        }
+        let is_usable = pulp::Arch::new().dispatch(|| {
+            let mut is_usable = true;
+            for row in 0..height {
+                let own = row * width..(row + 1) * width;
+                is_usable &= truth.find_in_row(&depth_m[own.clone()], own.start);
+                truth.rows.push(truth.measured.len());
+            }
+            is_usable
+        });
         if !is_usable {
             check_truth(depth_m, "depth", width)?;
         }
@@ -101,24 +106,24 @@ impl GroundTruth {
         }
     }
 
-    /// Most pixels without anything lie in runs: finding the others is what takes time. Within a piece
-    /// they are gathered without a branch, since no processor can foresee them. Says whether each value
-    /// is one.
+    /// Nineteen of twenty pixels have nothing, and finding the others is what takes time. Which ones have
+    /// something becomes the bits of a number first, for many pixels at a time. Says whether every value is
+    /// a measurement or none.
+    #[inline(always)]
     fn find_in_row(&mut self, row: &[f32], start: usize) -> bool {
         let mut is_usable = true;
         for (start, piece) in (start..).step_by(PIECE).zip(row.chunks(PIECE)) {
-            if piece.iter().fold(0, |all, value| all | value.to_bits()) == 0 {
-                continue;
+            let mut left = 0_u64;
+            for (bit, value) in piece.iter().enumerate() {
+                left |= u64::from(*value != 0.0) << bit;
             }
-            let (mut indices, mut values, mut count) = ([0; PIECE], [0.0; PIECE], 0);
-            for (index, value) in piece.iter().enumerate() {
-                indices[count % PIECE] = (start + index) as u32;
-                values[count % PIECE] = *value;
-                count += usize::from(*value != 0.0);
-                is_usable &= is_measurable(*value);
+            while left != 0 {
+                let at = left.trailing_zeros() as usize;
+                left &= left - 1;
+                is_usable &= is_measurable(piece[at]);
+                self.measured.push((start + at) as u32);
+                self.depth_m.push(piece[at]);
             }
-            self.measured.extend_from_slice(&indices[..count]);
-            self.depth_m.extend_from_slice(&values[..count]);
         }
         is_usable
     }
@@ -163,9 +168,9 @@ impl GroundTruth {
         &self.camera
     }
 
-    /// Places in [`measured`](Self::measured) of what lies in a part of the image, row by row.
-    pub(super) fn within(&self, crop: CropBox) -> impl Iterator<Item = usize> {
-        (crop.top..crop.bottom).flat_map(move |row| {
+    /// Places in [`measured`](Self::measured) of what lies in a part of the image, a range for each row.
+    pub(super) fn within(&self, crop: CropBox) -> impl Iterator<Item = Range<usize>> {
+        (crop.top..crop.bottom).map(move |row| {
             let start = self.rows[row];
             let own = &self.measured[start..self.rows[row + 1]];
             let before = |column: usize| {
@@ -177,8 +182,8 @@ impl GroundTruth {
     }
 }
 
-/// Pixels that are passed over in one go where nothing was measured.
-const PIECE: usize = 16;
+/// Pixels that are looked through at a time.
+const PIECE: usize = u64::BITS as usize;
 
 pub(super) fn check_size(
     plane: &'static str,
