@@ -131,36 +131,38 @@ impl Scene<'_> {
         mut each: impl FnMut(Pixel, &mut Tallies),
     ) {
         let truth = self.truth;
-        for place in truth.within(self.crop).flatten() {
-            let Some(truth_m) = self.truth_m(place) else {
-                continue;
-            };
-            let index = truth.measured[place] as usize;
-            let group = match self.protocol.grouping {
-                Grouping::None => None,
-                Grouping::Cityscapes => truth
-                    .labels
-                    .as_ref()
-                    .and_then(|ids| Group::of_label(ids[index])),
-                Grouping::Distance => Group::of_depth(truth_m),
-            };
-            let at = match self.places {
-                Places::All => index,
-                Places::Measured => place,
-            };
-            let Some(predicted) = predicted(at).filter(|_| self.is_shown(index)) else {
-                tallies.add_unpredicted(group);
-                continue;
-            };
-            let pixel = Pixel {
-                truth_m,
-                value: predicted.value,
-                place: place as u32,
-                disparity_px: predicted.disparity_px,
-                floored: predicted.floored,
-                group,
-            };
-            each(pixel, tallies);
+        for places in truth.within(self.crop) {
+            for place in places {
+                let Some(truth_m) = self.truth_m(place) else {
+                    continue;
+                };
+                let index = truth.measured[place] as usize;
+                let group = match self.protocol.grouping {
+                    Grouping::None => None,
+                    Grouping::Cityscapes => truth
+                        .labels
+                        .as_ref()
+                        .and_then(|ids| Group::of_label(ids[index])),
+                    Grouping::Distance => Group::of_depth(truth_m),
+                };
+                let at = match self.places {
+                    Places::All => index,
+                    Places::Measured => place,
+                };
+                let Some(predicted) = predicted(at).filter(|_| self.is_shown(index)) else {
+                    tallies.add_unpredicted(group);
+                    continue;
+                };
+                let pixel = Pixel {
+                    truth_m,
+                    value: predicted.value,
+                    place: place as u32,
+                    disparity_px: predicted.disparity_px,
+                    floored: predicted.floored,
+                    group,
+                };
+                each(pixel, tallies);
+            }
         }
     }
 
