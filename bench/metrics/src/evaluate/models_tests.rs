@@ -173,6 +173,13 @@ fn every_alignment_of_every_kind_of_model() {
             Prediction::InverseDepth(&inverse),
         ),
     ];
+    // At the measured pixels alone, one protocol after the other.
+    let some = |plane: &[f32]| -> Vec<f32> {
+        let indices = truth.measured().iter();
+        indices.map(|&index| plane[index as usize]).collect()
+    };
+    let (some_inverse, some_depth, some_metric) = (some(&inverse), some(&depth), some(&metric));
+    let mut scratch = Scratch::default();
     let cases = models
         .into_iter()
         .flat_map(|model| SETTINGS.map(|setting| (model, setting)));
