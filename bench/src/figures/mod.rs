@@ -13,7 +13,7 @@ use std::{
 
 pub use choice::{Choice, choose, protocol_for};
 use serde::Serialize;
-use strat_metrics::{Alignment, Protocol, RowContext, Suffix};
+use strat_metrics::{Alignment, Protocol, Row, RowContext, Suffix};
 use strat_onnx::metadata::OutputMeaning;
 use strat_store::{
     files, image_files,
