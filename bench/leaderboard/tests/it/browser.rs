@@ -67,7 +67,7 @@ fn a_browser_computes_what_bench_compare_does() {
     let page = String::from_utf8_lossy(&output.stdout);
     let both = [rows_of("strat-1"), rows_of("no-adv-1")].concat();
     let models = by_model(&both, "eigen-80").unwrap();
-    let tests = compare(&[(&models[0], &models[1])], &TestOptions::default()).unwrap();
+    let tests = compare(&[(&models[0], &models[1])], false, &TestOptions::default()).unwrap();
     for (metric, test) in Metric::ALL.into_iter().zip(&tests) {
         let interval = test.interval.unwrap();
         let p = test.p_permutation.unwrap();

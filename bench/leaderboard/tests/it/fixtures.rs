@@ -181,7 +181,7 @@ pub fn measured(model: &str, images: &[String], factor: f32) -> Vec<Row> {
     };
     let row = |(index, image): (usize, &String)| {
         let truth_m = [10.0 + (index % 7) as f32, 25.0];
-        let truth = GroundTruth::new((2, 1), truth_m.to_vec(), camera).unwrap();
+        let truth = GroundTruth::new((2, 1), &truth_m, camera).unwrap();
         let predicted = truth_m.map(|depth| depth * factor + 0.3 * noise(image));
         let score = evaluate_depth(&rules, &truth, &predicted).unwrap()[0];
         Row::new(&context, image, score)

@@ -39,7 +39,7 @@ fn ranks_are_those_of_the_paired_tests() {
     ]
     .concat();
     let models = by_model(&rows, PROTOCOL).unwrap();
-    let tests = compare(&[(&models[0], &models[1])], &TestOptions::default()).unwrap();
+    let tests = compare(&[(&models[0], &models[1])], false, &TestOptions::default()).unwrap();
     assert_eq!(found[0].methods[2].places[0].p, tests[0].p_permutation);
 }
 
