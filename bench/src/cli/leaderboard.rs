@@ -89,12 +89,12 @@ pub(super) fn run(args: &LeaderboardArgs) -> anyhow::Result<u8> {
 
 /// Problems cost their submissions their place, not the others the page.
 fn run_page(args: &PageArgs) -> anyhow::Result<u8> {
-    site::examine(&args.out, &args.folder)?;
+    site::examine(&args.out, &args.folder).map_err(usage)?;
     let checked = check::check(&args.folder, true).map_err(usage)?;
     for problem in &checked.problems {
         eprint_line(format_args!("left out: {problem}"));
     }
-    let written = site::write(&checked, &args.out)?;
+    let written = site::write(&checked, &args.out).map_err(usage)?;
     print_line(format_args!(
         "{}: {}, {} of {} in {}",
         args.out.join("index.html").display(),
@@ -133,6 +133,8 @@ fn run_check(args: &CheckArgs) -> anyhow::Result<u8> {
 fn usage(error: BoardError) -> anyhow::Error {
     match error {
         BoardError::None(_) => CliError::usage(error).into(),
+        // By itself, so that its own exit code is seen.
+        BoardError::Store(error) => error.into(),
         other => other.into(),
     }
 }

@@ -40,7 +40,14 @@ pub(super) struct PublishArgs {
 pub(super) fn run(args: &PublishArgs) -> anyhow::Result<u8> {
     match (&args.rows, &args.submission, &args.to) {
         (Some(rows), Some(folder), _) => {
-            let written = publish::publish(rows, args.model.as_deref(), folder)?;
+            let written =
+                publish::publish(rows, args.model.as_deref(), folder).map_err(|error| {
+                    match error {
+                        // By itself, so that its own exit code is seen.
+                        publish::PublishError::Store(error) => anyhow::Error::from(error),
+                        other => other.into(),
+                    }
+                })?;
             eprint_line(format_args!(
                 "{} has {} rows of {} under {}",
                 folder.display(),
