@@ -14,6 +14,8 @@ use std::ffi::OsString;
 use std::fmt::Display;
 use std::io::{self, Write};
 
+use anstyle::AnsiColor;
+
 use crate::error::Error;
 
 /// Exit code of a command that did what was asked.
@@ -127,7 +129,27 @@ pub fn error_chain(error: &dyn StdError) -> String {
         }
         cause = error.source();
     }
-    text
+    without_numbers(&text)
+}
+
+/// A sentence without the numbers of the operating system, which say nothing that its words do not:
+/// `File exists (os error 17)`.
+fn without_numbers(text: &str) -> String {
+    const BEFORE: &str = " (os error ";
+    let mut left = text;
+    let mut plain = String::new();
+    while let Some((words, rest)) = left.split_once(BEFORE) {
+        plain += words;
+        let digits = rest.trim_start_matches(|letter: char| letter.is_ascii_digit());
+        match digits.strip_prefix(')') {
+            Some(rest) => left = rest,
+            None => {
+                plain += BEFORE;
+                left = rest;
+            }
+        }
+    }
+    plain + left
 }
 
 /// Prints results on stdout. A reader that went away is no error.
@@ -146,10 +168,29 @@ pub fn print_line(text: impl Display) -> Result<(), CliError> {
     print(format_args!("{text}\n"))
 }
 
-/// Prints a line on stderr. A stderr that is closed or full is no reason to stop.
+/// Prints a line on stderr; on a terminal the word that it begins with (`error:`, `warning:`, `note:`) has a
+/// colour. A stderr that is closed or full is no reason to stop.
 pub fn eprint_line(text: impl Display) {
-    let _ = writeln!(io::stderr().lock(), "{text}");
+    let text = text.to_string();
+    let marked = MARKS
+        .iter()
+        .find_map(|(word, colour)| Some((word, colour, text.strip_prefix(word)?)));
+    let mut stderr = anstream::AutoStream::auto(io::stderr().lock());
+    let _ = match marked {
+        Some((word, colour, rest)) => {
+            let style = colour.on_default().bold();
+            writeln!(stderr, "{style}{word}{style:#}{rest}")
+        }
+        None => writeln!(stderr, "{text}"),
+    };
 }
+
+/// Words that lines on stderr begin with, and their colours.
+const MARKS: [(&str, AnsiColor); 3] = [
+    ("error:", AnsiColor::Red),
+    ("warning:", AnsiColor::Yellow),
+    ("note:", AnsiColor::Cyan),
+];
 
 fn print_to(out: &mut impl Write, text: impl Display) -> Result<(), CliError> {
     match write!(out, "{text}").and_then(|()| out.flush()) {
@@ -239,6 +280,14 @@ mod tests {
         let io = inputs::read(Path::new("/no/such/file"), Kind::Table).unwrap_err();
         assert!(
             matches!(CliError::from(io), CliError::Failed(text) if text.contains("/no/such/file"))
+        );
+    }
+
+    #[test]
+    fn numbers_of_the_system_are_left_out() {
+        assert_eq!(
+            without_numbers("cannot create a: File exists (os error 17); b (os error x)"),
+            "cannot create a: File exists; b (os error x)"
         );
     }
 

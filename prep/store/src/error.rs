@@ -47,7 +47,7 @@ pub enum Error {
         largest: u64,
     },
     /// A folder that results should go to cannot be made or written to.
-    #[error("cannot write to the folder {}: {source}", path.display())]
+    #[error("cannot write to the folder {}: {}", path.display(), why(source))]
     Unwritable {
         /// The folder.
         path: PathBuf,
@@ -128,6 +128,16 @@ pub enum Error {
     /// A value that could not be turned into text.
     #[error("cannot write this as YAML: {0}")]
     ToYaml(String),
+}
+
+/// The reason why a folder cannot be made, in other words than the system's where those mislead.
+fn why(source: &io::Error) -> String {
+    match source.kind() {
+        io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory => {
+            "a file is in its place".to_owned()
+        }
+        _ => source.to_string(),
+    }
 }
 
 impl Error {

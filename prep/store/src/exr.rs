@@ -217,7 +217,7 @@ fn read_channel(
 ) -> std::result::Result<Channel, String> {
     let in_words = |error: exr::error::Error| match error {
         exr::error::Error::Io(_) => format!("it is truncated ({} bytes)", bytes.len()),
-        other => format!("it is no usable EXR file: {other}"),
+        other => format!("it is not a usable EXR file: {other}"),
     };
     let reader = block::read(Cursor::new(bytes), false).map_err(in_words)?;
     let meta = reader.meta_data().clone();
@@ -363,11 +363,13 @@ fn decode(bytes: &[u8]) -> std::result::Result<(Plane, DepthHeader), String> {
     };
     let text = |key: &str| match attribute(key)? {
         AttributeValue::Text(text) => Ok(text.to_string()),
-        _ => Err(format!("its header attribute `{key}` is no text")),
+        _ => Err(format!("its header attribute `{key}` is not text")),
     };
     let number = |key: &str| match attribute(key)? {
         AttributeValue::F64(number) => Ok(*number),
-        _ => Err(format!("its header attribute `{key}` is no 64-bit number")),
+        _ => Err(format!(
+            "its header attribute `{key}` is not a 64-bit number"
+        )),
     };
     let unit = text("unit")?;
     if unit != "m" {

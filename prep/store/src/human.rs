@@ -1,4 +1,4 @@
-//! Sizes and durations as people read them.
+//! Sizes, durations, counts and lists as people read them.
 
 /// `999 bytes`, `1.4 kB`, `15.2 GB`: powers of ten, as disks are sold.
 pub fn bytes(bytes: u64) -> String {
@@ -39,6 +39,27 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
+/// `1 image`, `3 images`.
+pub fn count(number: usize, one: &str, many: &str) -> String {
+    format!("{number} {}", if number == 1 { one } else { many })
+}
+
+/// `a, b, c, ...`: up to three names, and whether there are more; none for no names.
+pub fn first_three(names: &[String]) -> Option<String> {
+    let more = if names.len() > 3 { ", ..." } else { "" };
+    let shown: Vec<&str> = names.iter().take(3).map(String::as_str).collect();
+    (!names.is_empty()).then(|| format!("{}{more}", shown.join(", ")))
+}
+
+/// The one of `known` that looks like a mistyped `word`.
+pub fn closest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let rated = known
+        .into_iter()
+        .map(|other| (strsim::damerau_levenshtein(word, other), other));
+    let (distance, best) = rated.min_by_key(|(distance, _)| *distance)?;
+    (3 * distance <= word.len().max(3)).then_some(best)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -56,6 +77,24 @@ mod tests {
         ] {
             assert_eq!(bytes(size), text);
         }
+    }
+
+    #[test]
+    fn lists_are_short() {
+        let names = |count: usize| (0..count).map(|n| n.to_string()).collect::<Vec<_>>();
+        assert_eq!(first_three(&names(0)), None);
+        assert_eq!(first_three(&names(3)).unwrap(), "0, 1, 2");
+        assert_eq!(first_three(&names(4)).unwrap(), "0, 1, 2, ...");
+        assert_eq!(count(1, "image", "images"), "1 image");
+        assert_eq!(count(0, "image", "images"), "0 images");
+    }
+
+    #[test]
+    fn mistyped_words_are_recognised() {
+        let known = ["epochs", "learning_rate", "batch"];
+        assert_eq!(closest("epoch", known), Some("epochs"));
+        assert_eq!(closest("lerning_rate", known), Some("learning_rate"));
+        assert_eq!(closest("zebra", known), None);
     }
 
     #[test]

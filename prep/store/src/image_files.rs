@@ -77,7 +77,7 @@ impl FromStr for Codec {
         match quality.filter(|quality| (1..=100).contains(quality)) {
             Some(quality) => Ok(Self::Jpeg(quality)),
             None => Err(format!(
-                "`{text}` is no codec; there are png and jpeg-1 to jpeg-100"
+                "`{text}` is not a codec; the codecs are png and jpeg-1 to jpeg-100"
             )),
         }
     }

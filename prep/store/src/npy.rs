@@ -72,7 +72,7 @@ struct Header {
 impl Header {
     /// Reads the beginning of a file: [`LONGEST_START`] bytes, or all if there are fewer.
     fn parse(bytes: &[u8]) -> Result<Self, String> {
-        let no_array = || "it is no NumPy array (.npy)".to_owned();
+        let no_array = || "it is not a NumPy array (.npy)".to_owned();
         let cut_off = || format!("it is cut off after {} bytes", bytes.len());
         let rest = bytes.strip_prefix(MAGIC).ok_or_else(no_array)?;
         let (&[major, _minor], rest) = rest.split_first_chunk().ok_or_else(cut_off)?;
@@ -134,7 +134,7 @@ impl Header {
             big_endian,
             fortran_order: value("fortran_order")?.starts_with("True"),
             shape: sides
-                .map_err(|_| format!("the shape ({shape}) in its header is no list of sizes"))?,
+                .map_err(|_| format!("the shape ({shape}) in its header is not a list of sizes"))?,
             start: bytes.len() - rest.len() + length,
         })
     }
@@ -555,13 +555,13 @@ mod tests {
                 header("<f8", "(4611686018427387904, 8)"),
                 "but 8 bytes follow",
             ),
-            (header("<f4", "(a, 2)"), "no list of sizes"),
+            (header("<f4", "(a, 2)"), "not a list of sizes"),
             (npy("{'shape': (1, 2)}", &[]), "no `descr`"),
             (
                 npy("{'descr': [('a', '<f4')], 'shape': (1, 2)}", &[]),
                 "structures",
             ),
-            (b"PNG".to_vec(), "no NumPy array (.npy)"),
+            (b"PNG".to_vec(), "not a NumPy array (.npy)"),
             (encode(3, 2, &[0.0; 6])[..9].to_vec(), "cut off"),
         ] {
             let problem = decode(&bytes).unwrap_err();
@@ -647,7 +647,7 @@ mod tests {
             (f4("(2, 18446744073709551615, 3)"), "no predictions"),
             (f4("(18446744073709551615, 1, 1)"), "incomplete"),
             (f4("(2, 0, 3)"), "no predictions"),
-            (f4("(2, x, 3)"), "no list of sizes"),
+            (f4("(2, x, 3)"), "not a list of sizes"),
             (f4("(2, 2, 3)").replace("<f4", "|O"), "its type is `|O`"),
             ("((((((((".repeat(400), "no `descr`"),
             (" ".repeat(5000), "too long"),

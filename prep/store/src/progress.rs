@@ -1,7 +1,7 @@
 //! How far a long job is, on stderr.
 //!
 //! A bar with rate and time left on a terminal; elsewhere (a log file, a batch system) a
-//! plain line every few seconds. Never on stdout, which belongs to results.
+//! plain line after five seconds, ten more, and so on up to a line each minute. Never on stdout, which belongs to results.
 
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -13,7 +13,11 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use crate::command::eprint_line;
 use crate::human;
 
-const LINE_EVERY: Duration = Duration::from_secs(5);
+/// How long the first line in a log takes to come, and the least time between two.
+const FIRST_LINE: Duration = Duration::from_secs(5);
+
+/// The most time between two lines; each takes twice as long as the one before it, up to this.
+const LINE_EVERY: Duration = Duration::from_secs(60);
 
 /// Progress of one job. Cheap to update and usable from many threads.
 pub struct Progress {
@@ -33,6 +37,7 @@ enum Shown {
 
 struct Lines {
     last: Instant,
+    wait: Duration,
     note: String,
 }
 
@@ -55,6 +60,7 @@ impl Progress {
         } else {
             Shown::Lines(Mutex::new(Lines {
                 last: started,
+                wait: FIRST_LINE,
                 note: String::new(),
             }))
         };
@@ -77,9 +83,10 @@ impl Progress {
             // Whoever finds the lock taken leaves the line to its holder.
             Shown::Lines(lines) => {
                 if let Ok(mut lines) = lines.try_lock()
-                    && lines.last.elapsed() >= LINE_EVERY
+                    && lines.last.elapsed() >= lines.wait
                 {
                     lines.last = Instant::now();
+                    lines.wait = (2 * lines.wait).min(LINE_EVERY);
                     eprint_line(self.line(done, self.started.elapsed(), &lines.note));
                 }
             }

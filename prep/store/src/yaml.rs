@@ -7,6 +7,7 @@ use serde::de::DeserializeOwned;
 
 use crate::error::{Error, Result};
 use crate::guard::guarded;
+use crate::human;
 use crate::inputs::{self, Kind};
 
 /// Most brackets that a text opens.
@@ -33,7 +34,48 @@ pub fn load<T: DeserializeOwned>(path: &Path) -> Result<T> {
 /// has key path, line and column.
 pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> std::result::Result<T, String> {
     check(bytes)?;
-    guarded("the YAML parser", || serde_yaml::from_slice(bytes))?.map_err(|error| error.to_string())
+    guarded("the YAML parser", || serde_yaml::from_slice(bytes))?
+        .map_err(|error| plain(&error.to_string()))
+}
+
+/// A complaint of the parser in a user's words: nothing of the program's own types, at most a few letters of
+/// what stands in the file, and the key that was probably meant.
+#[must_use]
+pub fn plain(complaint: &str) -> String {
+    let mut text = complaint.to_owned();
+    for kind in ["struct", "enum", "tuple struct", "newtype struct", "a map"] {
+        let words = format!("expected {kind}");
+        let Some(at) = text.find(&words) else {
+            continue;
+        };
+        let after = at + words.len();
+        let name = text[after..].strip_prefix(' ').map_or(0, |rest| {
+            1 + rest
+                .find(|c: char| !c.is_alphanumeric() && c != '_')
+                .unwrap_or(rest.len())
+        });
+        // Of a map only the word, of a type its name as well.
+        let end = if kind == "a map" { after } else { after + name };
+        text.replace_range(at..end, "expected keys and values (`key: value`)");
+    }
+    // A whole file that is one string is quoted as such.
+    if let Some(start) = text.find('"')
+        && let Some(end) = text.rfind('"').filter(|end| *end > start + 40)
+    {
+        let quoted: String = text[start + 1..end].chars().take(24).collect();
+        text.replace_range(start..=end, &format!("\"{} ...\"", quoted.trim_end()));
+    }
+    let quoted: Vec<&str> = text.split('`').skip(1).step_by(2).collect();
+    if let [unknown, known @ ..] = quoted.as_slice()
+        && text.contains("unknown field")
+        && let Some(meant) = human::closest(unknown, known.iter().copied())
+    {
+        let advice = format!("unknown key `{unknown}`, did you mean `{meant}`?");
+        let old = format!("unknown field `{unknown}`,");
+        text = text.replacen(&old, &format!("{advice} Known here:"), 1);
+    }
+    text.replace("Known here: expected one of", "Known here:")
+        .replace("Known here: expected", "Known here:")
 }
 
 /// Refuses what the parser would take minutes or gigabytes over: its work grows with the square of
@@ -95,6 +137,21 @@ mod tests {
         let small: Vec<Vec<u8>> = parse(b"[&a [1, 2], *a]").unwrap();
         assert_eq!(small, [[1, 2], [1, 2]]);
         assert!(parse::<Any>(format!("a: [{filler}] # 2 & 3 * 4").as_bytes()).is_ok());
+    }
+
+    #[test]
+    fn complaints_are_in_a_users_words() {
+        let problem = |text: &str| parse::<Config>(text.as_bytes()).unwrap_err();
+        let whole = problem(&"a text that is no settings at all ".repeat(40));
+        assert!(whole.len() < 200 && !whole.contains("struct"), "{whole}");
+        assert!(whole.contains("expected keys and values"), "{whole}");
+        let mistyped = problem("epoch: 3");
+        assert!(mistyped.contains("did you mean `epochs`?"), "{mistyped}");
+        let other = problem("zebra: 3");
+        assert!(
+            other.contains("zebra") && !other.contains("did you mean"),
+            "{other}"
+        );
     }
 
     #[derive(Debug, PartialEq, Serialize, Deserialize)]

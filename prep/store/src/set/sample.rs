@@ -131,7 +131,7 @@ pub fn check_id(id: &str) -> Result<(), String> {
     if id.len() > LONGEST.0 || id.split('/').any(|part| part.len() > LONGEST.1) {
         let start: String = id.chars().take(40).collect();
         return Err(format!(
-            "`{}...` is no usable id: it becomes a file name in the set and is too long for one, with {} \
+            "`{}...` is not a usable id: it becomes a file name in the set and is too long for one, with {} \
              bytes",
             start.escape_debug(),
             id.len()
@@ -141,7 +141,7 @@ pub fn check_id(id: &str) -> Result<(), String> {
         return Ok(());
     }
     Err(format!(
-        "`{}` is no usable id: it becomes a file name in the set, so it should be a plain name or a path \
+        "`{}` is not a usable id: it becomes a file name in the set, so it should be a plain name or a path \
          without `..`, without a slash at its ends and without \\ : * ? \" < > |",
         id.escape_debug()
     ))

@@ -186,9 +186,9 @@ mod tests {
             ),
             (good.replacen("a/2,1242", "a/2", 1), 3, "fields"),
             (good.replacen("a/2,", "a/1,", 1), 3, "`a/1` is there twice"),
-            (good.replacen("a/2,", "../../a,", 1), 3, "no usable id"),
-            (good.replacen("a/2,", "\"a\nb\",", 1), 3, "no usable id"),
-            (good.replacen("a/2,", "a\0b,", 1), 3, "no usable id"),
+            (good.replacen("a/2,", "../../a,", 1), 3, "not a usable id"),
+            (good.replacen("a/2,", "\"a\nb\",", 1), 3, "not a usable id"),
+            (good.replacen("a/2,", "a\0b,", 1), 3, "not a usable id"),
             (
                 good.replacen("images/d/left", "images//left", 1),
                 2,
