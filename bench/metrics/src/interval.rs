@@ -70,6 +70,14 @@ pub(crate) fn check(sizes: &[f64]) -> Result<(), NoInterval> {
     }
 }
 
+/// 95 % t interval of the mean of independent values; none for fewer than [`MIN_CLUSTERS`].
+#[must_use]
+pub fn mean_interval(values: &[f64]) -> Option<Interval> {
+    let clusters: Vec<(f64, f64)> = values.iter().map(|value| (*value, 1.0)).collect();
+    check(&vec![1.0; values.len()]).ok()?;
+    Some(ratio_interval(&clusters, Range::Any))
+}
+
 /// Interval of the ratio of the totals of both sums over clusters, each `(numerator, denominator)`
 /// with a denominator above 0; there must be at least two.
 pub(crate) fn ratio_interval(clusters: &[(f64, f64)], range: Range) -> Interval {
@@ -272,6 +280,15 @@ mod tests {
                 assert_eq!((interval.low, interval.high), (value, value), "{range:?}");
             }
         }
+    }
+
+    /// By hand: 1, 2, 3 have the mean 2, a standard error of 1/sqrt(3), and t of 2 degrees is 4.3027.
+    #[test]
+    fn the_mean_of_independent_values_has_students_interval() {
+        let interval = mean_interval(&[1.0, 2.0, 3.0]).unwrap();
+        close(interval.high, 2.0 + 4.302_652_729_911_275 / 3.0_f64.sqrt());
+        close(interval.low, 2.0 - 4.302_652_729_911_275 / 3.0_f64.sqrt());
+        assert_eq!(mean_interval(&[1.0, 2.0]), None);
     }
 
     #[test]

@@ -40,6 +40,7 @@
 //! together and how many images a test set has. Resizing a prediction to the size of the ground
 //! truth is left to the caller.
 
+pub mod baselines;
 mod columns;
 pub mod compare;
 pub mod cues;

@@ -64,6 +64,14 @@ impl Metric {
         }
     }
 
+    /// Unit; empty where it is a ratio.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::SqRel | Self::Rmse => "m",
+            _ => "",
+        }
+    }
+
     /// True for errors, false for accuracies.
     pub fn lower_is_better(self) -> bool {
         !matches!(self, Self::A1 | Self::A2 | Self::A3)
@@ -167,6 +175,15 @@ impl FurtherMetric {
             Self::Irmse => "iRMSE",
             Self::Mae => "MAE",
             Self::SqRel2 => "Sq Rel/g²",
+        }
+    }
+
+    /// Unit; empty where there is none.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Irmse => "1/km",
+            Self::Mae => "m",
+            Self::Silog | Self::Log10 | Self::SqRel2 => "",
         }
     }
 }

@@ -71,6 +71,11 @@ pub struct PublishedGroup {
 }
 
 impl PublishedRow {
+    /// Key of the work in `bench/published/references.bib`, where it has one.
+    pub fn cite_key(&self) -> Option<&'static str> {
+        cite_key(self.reference, &self.method)
+    }
+
     /// Where the figures stand.
     pub fn citation(&self) -> String {
         match &self.source {
@@ -85,6 +90,42 @@ impl PublishedGroup {
     pub fn citation(&self) -> String {
         cite(ThesisTable::Table32, None, self.reference)
     }
+}
+
+/// Key in `bench/published/references.bib` of a method with its number in the thesis' list of
+/// references; of the thesis' own rows that of its paper.
+pub(crate) fn cite_key(reference: Option<u32>, method: &str) -> Option<&'static str> {
+    const NUMBERED: [(u32, &str); 11] = [
+        (3, "aleotti2018"),
+        (7, "atapour2018"),
+        (16, "eigen2014"),
+        (19, "garg2016"),
+        (21, "godard2017"),
+        (39, "kuznietsov2017"),
+        (47, "liu2016"),
+        (59, "poggi2018"),
+        (83, "yang2018"),
+        (86, "zhan2018"),
+        (90, "zhou2017"),
+    ];
+    const NAMED: [(&str, &str); 8] = [
+        ("Ours - ", "mehta2018"),
+        ("BTS ", "lee2019"),
+        ("DPT-Hybrid", "ranftl2021"),
+        ("NeW CRFs", "yuan2022"),
+        ("Depth Anything", "yang2024"),
+        ("Marigold + E2E", "garcia2025"),
+        ("GeoWizard + E2E", "garcia2025"),
+        ("Stable Diffusion + E2E", "garcia2025"),
+    ];
+    match reference {
+        Some(number) => NUMBERED.iter().find(|(known, _)| *known == number),
+        None => {
+            let found = NAMED.iter().find(|(start, _)| method.starts_with(start));
+            return found.map(|(_, key)| *key);
+        }
+    }
+    .map(|(_, key)| *key)
 }
 
 fn cite(table: ThesisTable, row: Option<u32>, reference: Option<u32>) -> String {

@@ -12,7 +12,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use strat_splits::{Recording, recording};
 
-pub use crate::interval::{Interval, MIN_CLUSTERS, NoInterval};
+pub use crate::interval::{Interval, MIN_CLUSTERS, NoInterval, mean_interval};
 use crate::interval::{Range, check, ratio_interval};
 use crate::metrics::{FurtherMetrics, Metric, Metrics};
 use crate::protocol::Group;

@@ -19,16 +19,19 @@ pub enum Need {
     Chromium,
     /// A folder with real frames of KITTI, named by `STRAT_KITTI_SAMPLES`.
     KittiFrames,
+    /// A pdflatex in the path, with booktabs and xcolor.
+    Latex,
     /// A user to whom permissions apply, which they do not to the superuser.
     OrdinaryUser,
 }
 
 impl Need {
-    const ALL: [Self; 5] = [
+    const ALL: [Self; 6] = [
         Self::OnnxRuntime,
         Self::Numpy,
         Self::Chromium,
         Self::KittiFrames,
+        Self::Latex,
         Self::OrdinaryUser,
     ];
 
@@ -40,6 +43,7 @@ impl Need {
             Self::Numpy => "numpy",
             Self::Chromium => "chromium",
             Self::KittiFrames => "kitti",
+            Self::Latex => "latex",
             Self::OrdinaryUser => "user",
         }
     }

@@ -109,7 +109,7 @@ impl Protocol {
             && (top >= bottom || left >= right)
         {
             return Err(format!(
-                "its crop is rows {top} to {bottom} and columns {left} to {right}, which is no box"
+                "its crop is rows {top} to {bottom} and columns {left} to {right}, which is not a box"
             ));
         }
         if matches!(self.camera, Camera::Nominal { .. }) && !self.ground_truth.is_stereo() {

@@ -55,6 +55,7 @@ pub fn ablation(
             "Mean ± standard deviation between seeds, of which each number is a mean over images."
                 .to_owned(),
         ],
+        resampled: None,
     };
     for ((study, _), part) in found.iter().zip(&parts) {
         // Groups of pixels have tables of their own.
@@ -110,8 +111,8 @@ fn line(variant: &Variant, images: u64, expected: u64) -> Line {
     }));
     Line {
         measured: true,
-        grey: false,
         comparable: true,
         cells,
+        ..Line::default()
     }
 }

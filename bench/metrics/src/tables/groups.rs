@@ -3,7 +3,7 @@
 use super::coverage::Coverage;
 use super::methods::named;
 use super::part::Part;
-use super::table::{Cell, Line, Table, figure_column, mark_best, plain};
+use super::table::{Cell, Column, Line, Table, errors, mark_best, plain};
 use crate::metrics::Metric;
 use crate::protocol::Group;
 use crate::published;
@@ -22,14 +22,16 @@ impl Table {
         self.columns.push(plain("group", "Group", false));
         for (method, reference) in &methods {
             let name = named(method, *reference);
-            self.columns
-                .push(figure_column(format!("{name} (published)")));
+            let name = format!("{name} (published)");
+            self.columns.push(Column {
+                published: true,
+                cite: published::cite_key(*reference, method),
+                ..errors(&name, &name, "m")
+            });
         }
         for model in &part.models {
-            self.columns.push(figure_column(format!(
-                "{} (measured)",
-                model.display_name()
-            )));
+            let name = format!("{} (measured)", model.display_name());
+            self.columns.push(errors(&name, &name, "m"));
         }
         self.columns.push(plain("images", "Images", true));
         self.columns.push(plain("pixels", "Pixels", true));
@@ -113,7 +115,7 @@ impl Table {
             self.sections.push(section);
         }
         self.notes.push(
-            "The thesis does not say how it averaged; its figures stand beside the mean over \
+            "The thesis does not say how it averaged; its numbers stand beside the mean over \
              images. Its text calls the adversarial model better in every group, but for Human \
              its table has 2.770 against 2.763 without the adversarial term."
                 .to_owned(),

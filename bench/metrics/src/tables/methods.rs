@@ -3,7 +3,7 @@
 use super::coverage::Coverage;
 use super::notes::{heading, seeds_note};
 use super::part::{Measured, Part};
-use super::table::{Cell, Column, Line, Table, mark_best, plain};
+use super::table::{Cell, Column, Line, Table, errors, mark_best, plain};
 use crate::metrics::{FurtherMetric, FurtherMetrics, Metric};
 use crate::protocol::{Alignment, BenchmarkCrop, protocol};
 use crate::published::{self, PublishedRow};
@@ -30,10 +30,11 @@ impl Table {
         let protocol = parts.first().map_or("", |part| &part.protocol);
         self.columns.extend(metric_columns(protocol));
         if shown.d1_all {
-            self.columns.push(plain("d1_all", "D1-all", true));
+            self.columns.push(errors("d1_all", "D1-all", "%"));
         }
         if shown.further {
-            let columns = FurtherMetric::ALL.map(|one| plain(one.name(), one.heading(), true));
+            let columns =
+                FurtherMetric::ALL.map(|one| errors(one.name(), one.heading(), one.unit()));
             self.columns.extend(columns);
         }
 
@@ -44,6 +45,43 @@ impl Table {
                 _ => None,
             };
             let mut section = part.section(heading);
+            for method in part.methods() {
+                let &[model] = method.as_slice() else {
+                    section
+                        .lines
+                        .push(seeds_line(part, &method, coverage, shown));
+                    self.notes.push(seeds_note(&part.protocol, &method));
+                    continue;
+                };
+                let mut line = Line {
+                    measured: true,
+                    comparable: part.competes(model, coverage),
+                    cells: vec![
+                        Cell::text(model.display_name()),
+                        Cell::text("measured"),
+                        Cell::text("-"),
+                        Cell {
+                            value: Some(model.images() as f64),
+                            ..Cell::text(format!("{}/{}", model.images(), part.expected))
+                        },
+                    ],
+                    ..Line::default()
+                };
+                let summary = &model.summary;
+                line.push_figures(summary.mean.to_array().map(Some), summary.intervals);
+                if shown.d1_all {
+                    line.cells.push(Cell {
+                        interval: summary.d1_all_interval,
+                        ..Cell::figure(summary.d1_all)
+                    });
+                }
+                if shown.further {
+                    let values = summary.further.map(FurtherMetrics::to_array);
+                    let values = values.map_or([None; 5], |values| values.map(Some));
+                    line.push_figures(values, summary.further_intervals);
+                }
+                section.lines.push(line);
+            }
             for row in published::rows(self.id)
                 .iter()
                 .filter(|row| row.protocol == part.own)
@@ -63,43 +101,6 @@ impl Table {
                     self.notes
                         .push(format!("{name}{place}: {}.", note.trim_end_matches('.')));
                 }
-            }
-            for method in part.methods() {
-                let &[model] = method.as_slice() else {
-                    section
-                        .lines
-                        .push(seeds_line(part, &method, coverage, shown));
-                    self.notes.push(seeds_note(&part.protocol, &method));
-                    continue;
-                };
-                let mut line = Line {
-                    measured: true,
-                    grey: false,
-                    comparable: part.competes(model, coverage),
-                    cells: vec![
-                        Cell::text(model.display_name()),
-                        Cell::text("measured"),
-                        Cell::text("-"),
-                        Cell {
-                            value: Some(model.images() as f64),
-                            ..Cell::text(format!("{}/{}", model.images(), part.expected))
-                        },
-                    ],
-                };
-                let summary = &model.summary;
-                line.push_figures(summary.mean.to_array().map(Some), summary.intervals);
-                if shown.d1_all {
-                    line.cells.push(Cell {
-                        interval: summary.d1_all_interval,
-                        ..Cell::figure(summary.d1_all)
-                    });
-                }
-                if shown.further {
-                    let values = summary.further.map(FurtherMetrics::to_array);
-                    let values = values.map_or([None; 5], |values| values.map(Some));
-                    line.push_figures(values, summary.further_intervals);
-                }
-                section.lines.push(line);
             }
             for (index, column) in self.columns.iter().enumerate().filter(|(_, c)| c.numeric) {
                 let lower = !matches!(column.key.as_str(), "a1" | "a2" | "a3");
@@ -137,13 +138,10 @@ pub(super) fn metric_columns(protocol: &str) -> [Column; 7] {
     Metric::ALL.map(|metric| Column {
         key: metric.name().to_owned(),
         heading: heading(metric, protocol).to_owned(),
-        latex: match metric {
-            Metric::A1 => Some(r"$\delta<1.25$"),
-            Metric::A2 => Some(r"$\delta<1.25^2$"),
-            Metric::A3 => Some(r"$\delta<1.25^3$"),
-            _ => None,
-        },
+        unit: metric.unit(),
+        lower_is_better: Some(metric.lower_is_better()),
         numeric: true,
+        ..Column::default()
     })
 }
 
@@ -154,7 +152,6 @@ fn seeds_line(part: &Part<'_>, seeds: &[&Measured<'_>], coverage: &Coverage, sho
     let fewest = fewest.unwrap_or(0);
     let mut line = Line {
         measured: true,
-        grey: false,
         comparable: seeds.iter().all(|model| part.competes(model, coverage)),
         cells: vec![
             Cell::text(format!(
@@ -169,6 +166,7 @@ fn seeds_line(part: &Part<'_>, seeds: &[&Measured<'_>], coverage: &Coverage, sho
                 ..Cell::text(format!("{fewest}/{}", part.expected))
             },
         ],
+        ..Line::default()
     };
     line.cells.extend(Metric::ALL.map(|metric| {
         let values: Vec<f64> = seeds
@@ -198,6 +196,7 @@ fn published_line(row: &PublishedRow, own_protocol: bool, shown: Shown) -> Line 
     let mut line = Line {
         measured: false,
         grey: row.grey,
+        cite: row.cite_key(),
         comparable: own_protocol && row.comparable && !row.grey,
         cells: vec![
             Cell {

@@ -16,24 +16,29 @@
 //! of a study alone.
 //!
 //! `table` holds the cells, `methods`, `groups` and `ablation` fill them, `notes` writes the sentences around
-//! them, `render` the four formats. Not here: which tables a prepared set can fill, and files.
+//! them; `terminal`, `latex` and `render` (Markdown, CSV) write them. Measured lines come before published
+//! ones. Not here: which tables a prepared set can fill, and files.
 
 mod ablation;
 mod coverage;
 mod error;
 mod groups;
+mod latex;
 mod methods;
 mod notes;
 mod part;
 mod render;
 mod table;
+mod terminal;
 #[cfg(test)]
 mod tests;
 
 pub use self::ablation::ablation;
 pub use self::coverage::{Coverage, Source};
 pub use self::error::TableError;
-pub use self::table::{Cell, Column, Line, Section, Table};
+pub use self::latex::REFERENCES;
+pub use self::table::{Cell, Column, Line, Section, Shown, Table};
+pub use self::terminal::FILE_WIDTH;
 pub use crate::thesis::{ThesisTable, UnknownTable};
 
 use self::notes::{first_line, measured_notes, remarks};
@@ -83,6 +88,11 @@ pub fn build_with(
         columns: Vec::new(),
         sections: Vec::new(),
         notes: Vec::new(),
+        resampled: parts
+            .iter()
+            .flat_map(|part| &part.models)
+            .find(|model| model.summary.intervals.is_some())
+            .map(|model| model.summary.clusters.to_string()),
     };
     if table == ThesisTable::Table32 {
         built.fill_groups(&parts[0], coverage);

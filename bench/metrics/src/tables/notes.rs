@@ -55,7 +55,7 @@ pub(super) fn remarks(table: ThesisTable, parts: &[Part<'_>], coverage: &Coverag
     };
     if measured && coverage.source != own {
         remarks.push(format!(
-            "The images are {}, not {name}: measured figures cannot be compared with published \
+            "The images are {}, not {name}: measured numbers cannot be compared with published \
              ones.",
             coverage.source
         ));
