@@ -46,6 +46,14 @@ impl Quantity {
     }
 }
 
+impl Quantity {
+    /// The word of `--quantity`.
+    #[must_use]
+    pub fn option(self) -> String {
+        self.as_str().replace('_', "-")
+    }
+}
+
 impl fmt::Display for Quantity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.as_str())
@@ -57,8 +65,8 @@ impl fmt::Display for Quantity {
 pub enum NoSuchQuantity {
     /// Depth and disparity need a camera to be converted into each other.
     #[error(
-        "{wanted} cannot be derived from the model's {meaning} without the camera: give --focal-px and \
-         --baseline-m, or request {instead}"
+        "{} cannot be derived from the model's {meaning} without the camera: give --focal-px and \
+         --baseline-m, or --format npy,color with --quantity {}", wanted.option(), instead.option()
     )]
     NoCamera {
         /// What was requested.
@@ -70,8 +78,8 @@ pub enum NoSuchQuantity {
     },
     /// Depth and inverse depth of unknown scale stay that.
     #[error(
-        "{wanted} cannot be derived from this model: its {meaning} has no known scale; \
-         request inverse_depth"
+        "{} cannot be derived from this model: its {meaning} has no known scale; give --format npy,color, or \
+         `scale` in its description", wanted.option()
     )]
     NoScale {
         /// What was requested.
@@ -212,21 +220,21 @@ fn each(data: &mut [f32], change: impl Fn(f32) -> f32) {
     }
 }
 
-/// A map as 16-bit PNG: the value times 256, rounded; 0 where there is none.
+/// A map as 16-bit PNG: the value times `scale`, rounded; 0 where there is none.
 ///
-/// Returns the bytes, and how many values are too large for the format (above 255.99) and were
-/// written as 0, because a clipped value would look like a measured one.
+/// Returns the bytes, and how many values are too large for the format (above 255.99 at a scale of 256) and
+/// were written as 0, because a clipped value would look like a measured one.
 ///
 /// # Panics
 /// If the plane's size contradicts its data.
 #[must_use]
-pub fn encode_png16(map: &Plane) -> (Vec<u8>, usize) {
+pub fn encode_png16(map: &Plane, scale: f64) -> (Vec<u8>, usize) {
     let mut too_large = 0;
     let values: Vec<u16> = map
         .data
         .iter()
         .map(|&value| {
-            let units = (f64::from(value) * 256.0).round();
+            let units = (f64::from(value) * scale).round();
             if units > f64::from(u16::MAX) {
                 too_large += 1;
                 0
@@ -294,7 +302,7 @@ mod tests {
         let new = |quantity, meaning, camera| Conversion::new(quantity, meaning, 500, camera);
         let error = new(Quantity::DepthM, From::DisparityFraction, None).unwrap_err();
         assert!(error.to_string().contains("--focal-px"), "{error}");
-        assert!(error.to_string().contains("disparity_px"), "{error}");
+        assert!(error.to_string().contains("disparity-px"), "{error}");
         let error = new(Quantity::DepthM, From::InverseDepth, Some(CAMERA)).unwrap_err();
         assert!(error.to_string().contains("no known scale"), "{error}");
         let error = new(Quantity::DepthM, From::Depth, Some(CAMERA)).unwrap_err();
@@ -328,7 +336,7 @@ mod tests {
     #[test]
     fn sixteen_bits_hold_what_they_can() {
         let map = Plane::new(5, 1, vec![10.0, 0.0, 255.99, 256.0, 1.0 / 512.0]).unwrap();
-        let (bytes, too_large) = encode_png16(&map);
+        let (bytes, too_large) = encode_png16(&map, 256.0);
         assert_eq!(too_large, 1);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("d.png");

@@ -168,8 +168,11 @@ pub struct Measured {
 }
 
 /// The images and what the accuracy path says about them.
-pub struct Bench<'a> {
-    files: &'a [ImageFile],
+pub struct Bench {
+    /// Those that can be used.
+    files: Vec<ImageFile>,
+    /// Sentences about those that cannot.
+    broken: Vec<(PathBuf, LatencyError)>,
     quantity: Quantity,
     /// What the model takes of every image; all of one size.
     inputs: Vec<ModelInput>,
@@ -177,25 +180,38 @@ pub struct Bench<'a> {
     references: Vec<Plane>,
 }
 
-impl<'a> Bench<'a> {
-    /// Decodes all images and predicts the first ones with `model`, which is the reference.
+impl Bench {
+    /// Decodes all images and predicts the first ones with `model`, which is the reference. An image that
+    /// cannot be used costs itself only; see [`Self::broken`].
     ///
     /// # Errors
-    /// An image is broken, the model fails, or the images' cameras are known only in part.
+    /// No image can be used, or the model fails.
     ///
     /// # Panics
     /// If there are no images.
     pub fn new(
-        files: &'a [ImageFile],
+        files: &[ImageFile],
         model: &mut Model,
         batches: &[usize],
     ) -> Result<Self, LatencyError> {
         assert!(!files.is_empty(), "there must be images");
         let input = &model.description.input;
-        let inputs = files
-            .par_iter()
-            .map(|file| prepare(file, input))
-            .collect::<Result<Vec<_>, _>>()?;
+        let prepared: Vec<Result<ModelInput, LatencyError>> =
+            files.par_iter().map(|file| prepare(file, input)).collect();
+        let (mut usable, mut inputs, mut broken) = (Vec::new(), Vec::new(), Vec::new());
+        for (file, prepared) in files.iter().zip(prepared) {
+            match prepared {
+                Ok(input) => {
+                    usable.push(file.clone());
+                    inputs.push(input);
+                }
+                Err(error) => broken.push((file.path.clone(), error)),
+            }
+        }
+        if inputs.is_empty() && !broken.is_empty() {
+            return Err(broken.swap_remove(0).1);
+        }
+        let files = usable;
         let size = inputs[0].size;
         if let Some(other) = inputs.iter().position(|input| input.size != size) {
             return Err(LatencyError::Sizes {
@@ -219,10 +235,23 @@ impl<'a> Bench<'a> {
             .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             files,
+            broken,
             quantity,
             inputs,
             references,
         })
+    }
+
+    /// The images that cannot be used, with the reasons.
+    #[must_use]
+    pub fn broken(&self) -> &[(PathBuf, LatencyError)] {
+        &self.broken
+    }
+
+    /// Images that are timed.
+    #[must_use]
+    pub fn images(&self) -> usize {
+        self.files.len()
     }
 
     /// Width and height of the network's input.

@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use strat_splits::Role;
-use strat_store::{command::error_chain, progress::Progress, set::PreparedSet, spread, threads};
+use strat_store::{
+    command::error_chain, failures::Failures, progress::Progress, set::PreparedSet, spread, threads,
+};
 
 use super::{
     measure::{Bench, ImageFile, LatencyError, MAX_IMAGES, Measured, Minimum, clock},
@@ -12,7 +14,7 @@ use super::{
 use crate::{
     evaluate::record::TOOL_VERSION,
     images,
-    model::{Model, vet::vet},
+    model::{Description, Model, ModelError, description_path, draft::Draft, vet::vet},
     notes::Notes,
     quantity::StereoCamera,
     runtime::{Device, Runtime, inventory::Processor, placement_text},
@@ -66,7 +68,7 @@ pub fn images_of_folder(
     folder: &Path,
     camera: Option<StereoCamera>,
 ) -> Result<Vec<ImageFile>, strat_store::Error> {
-    let paths = images::below(folder)?;
+    let paths = images::below(folder)?.images;
     let few = spread::evenly(paths.len(), MAX_IMAGES).map(|index| paths[index].clone());
     Ok(few.map(|path| ImageFile { path, camera }).collect())
 }
@@ -83,7 +85,21 @@ impl Timing {
         rows: &mut Vec<LatencyRow>,
         notes: &mut Notes,
     ) -> Result<(), LatencyError> {
-        let open = |threads| Model::open(name, file, &self.runtime, self.device, threads);
+        let draft = drafted(file)?;
+        if draft.is_some() {
+            notes.note(&format!(
+                "model {name} has no description, so only the session is timed; with one (`bench describe`) the \
+                 way from a file to a map is, too"
+            ));
+        }
+        let open = |threads| match &draft {
+            None => Model::open(name, file, &self.runtime, self.device, threads),
+            Some(description) => {
+                let file = strat_onnx::model::read(file)?;
+                let description = description.clone();
+                Model::described(name, file, description, &self.runtime, self.device, threads)
+            }
+        };
         let mut accuracy = open(self.processor.threads)?;
         let vetting = vet(&mut accuracy, None)?;
         vetting.notes.iter().for_each(|note| notes.note(note));
@@ -106,6 +122,15 @@ impl Timing {
             batches.retain(|&batch| batch == 1);
         }
         let bench = Bench::new(&self.images, &mut accuracy, &batches)?;
+        let mut failures = Failures::default();
+        for (image, error) in bench.broken() {
+            let said = failures.add(&image.display().to_string(), &error_chain(error));
+            said.into_iter().for_each(|sentence| notes.fail(sentence));
+        }
+        failures
+            .repeated()
+            .into_iter()
+            .for_each(|sentence| notes.fail(sentence));
         drop(accuracy);
         for &threads in &self.threads {
             let pool = threads::pool("bench", threads)?;
@@ -116,8 +141,12 @@ impl Timing {
                     batch,
                     pool: &pool,
                 };
-                match self.setting(&bench, &mut model, &setting, notes.quiet) {
-                    Ok(measured) => rows.extend(measured),
+                match self.setting(&bench, &mut model, &setting, draft.is_none(), notes.quiet) {
+                    Ok(measured) => {
+                        let doubts = measured.iter().filter_map(disturbed);
+                        doubts.for_each(|sentence| notes.warn(sentence));
+                        rows.extend(measured);
+                    }
                     Err(error) => notes.fail(format!(
                         "model {name}, {threads} thread(s), batch {batch}: {}",
                         error_chain(&error)
@@ -133,13 +162,14 @@ impl Timing {
 
     fn setting(
         &self,
-        bench: &Bench<'_>,
+        bench: &Bench,
         model: &mut Model,
         &Setting {
             threads,
             batch,
             pool,
         }: &Setting<'_>,
+        from_files: bool,
         quiet: bool,
     ) -> Result<Vec<LatencyRow>, LatencyError> {
         let before = bench.verify(model, threads, batch)?;
@@ -156,7 +186,8 @@ impl Timing {
             Scenario::MultiStream
         };
         let label = format!("{}, threads {threads}, batch {batch}", model.name);
-        let progress = Progress::new(&label, 4, "measurements", quiet);
+        let planned = if from_files { 4 } else { 2 };
+        let progress = Progress::new(&label, planned, "measurements", quiet);
         let mut measured: Vec<(Stage, Scenario, Measured)> = Vec::new();
         let file = bench.file_stage();
         for (stage, scenario) in [
@@ -164,7 +195,10 @@ impl Timing {
             (Stage::Session, Scenario::Offline),
             (file, streaming),
             (file, Scenario::Offline),
-        ] {
+        ]
+        .into_iter()
+        .filter(|(stage, _)| from_files || *stage == Stage::Session)
+        {
             let clock = clock(model.transport());
             let result = match (stage, scenario) {
                 (Stage::Session, Scenario::Offline) => {
@@ -197,7 +231,7 @@ impl Timing {
                 stage,
                 input_width: bench.input_size().0,
                 input_height: bench.input_size().1,
-                samples: self.images.len(),
+                samples: bench.images(),
                 queries: measured.queries,
                 images: measured.images,
                 seconds: measured.seconds,
@@ -217,6 +251,35 @@ impl Timing {
         };
         Ok(measured.into_iter().map(row).collect())
     }
+}
+
+/// What can be told of the tensors of a file that nobody has described, from its graph alone: enough to run
+/// it, not to know what comes out. `None` for a file that is described.
+fn drafted(path: &Path) -> Result<Option<Description>, ModelError> {
+    let file = strat_onnx::model::read(path)?;
+    if file.info.metadata().is_some() || description_path(path).exists() {
+        return Ok(None);
+    }
+    let misfit = |reason: String| ModelError::Graph {
+        model: path.to_path_buf(),
+        reason,
+    };
+    let draft = Draft::of_file(&file, None).map_err(misfit)?;
+    draft.description().map(Some).map_err(misfit)
+}
+
+/// A sentence about a measurement that something else seems to have disturbed: queries of one model take
+/// about the same time.
+fn disturbed(row: &LatencyRow) -> Option<String> {
+    let (median, late, worst) = (row.p50_ms?, row.p99_ms?, row.max_ms?);
+    (late > 1.5 * median).then(|| {
+        format!(
+            "{}, {}, {} threads, batch {}: one query in a hundred took {late:.1} ms or more (the longest \
+             {worst:.1}), the median {median:.1}; other programs may have been at work, so time again on an \
+             idle machine",
+            row.model, row.stage, row.threads, row.batch
+        )
+    })
 }
 
 struct Setting<'a> {
