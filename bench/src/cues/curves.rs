@@ -1,6 +1,7 @@
 //! Figures 4.5, 4.6, 4.7's steps, 4.9 and 4.10: curves from rows alone.
 
 use strat_metrics::cues::{fit_through_origin, pseudo_angle_deg, visual_angle_deg};
+use strat_metrics::statistics::mean_interval;
 
 use super::{
     experiments::CAMERA_HEIGHT_M,
@@ -17,7 +18,7 @@ const DEPTH_END_M: f64 = 80.0;
 /// The thesis' camera height in equation 4.1, metres.
 const EQUATION_HEIGHT_M: f64 = 0.25;
 
-/// Mean and standard deviation over backgrounds of y against x, by step.
+/// Mean over backgrounds of y against x, by step, with its 95 % interval.
 fn curve(
     rows: &[&CueRow],
     (sprite, condition): (&str, Condition),
@@ -33,18 +34,27 @@ fn curve(
         label,
         ..Curve::default()
     };
+    let (mut fewest, mut most) = (usize::MAX, 0);
     for step in steps {
         let rows: Vec<&&CueRow> = found.iter().filter_map(|one| one.get(&step)).collect();
         let count = rows.len() as f64;
         let mean =
             |of: &dyn Fn(&CueRow) -> f64| rows.iter().map(|row| of(row)).sum::<f64>() / count;
         let (at, value) = (mean(&x), mean(&y));
-        let squares: f64 = rows.iter().map(|row| (y(row) - value).powi(2)).sum();
         result.points.push((at, value));
-        // One background has no deviation.
-        let deviation = (squares / (count - 1.0).max(1.0)).sqrt();
-        result.band.push((value - deviation, value + deviation));
+        let values: Vec<f64> = rows.iter().map(|row| y(row)).collect();
+        // One background has none.
+        let interval = mean_interval(&values);
+        result
+            .band
+            .push(interval.map_or((value, value), |bounds| (bounds.low, bounds.high)));
+        fewest = fewest.min(rows.len());
+        most = most.max(rows.len());
     }
+    result.label += &match (fewest, most) {
+        (fewest, most) if fewest >= most => format!(" (n = {most})"),
+        (fewest, most) => format!(" (n = {fewest} to {most})"),
+    };
     result.points.iter_mut().for_each(|point| {
         if point.0 == 0.0 {
             point.0 = 0.0;
@@ -175,7 +185,7 @@ fn size_chart(model: &str, rows: &[&CueRow]) -> Chart {
     Chart {
         title: format!("Figure 4.5  Relative size: {model}"),
         note: format!(
-            "mean and standard deviation over {} backgrounds; the contact with the ground stays at one row",
+            "mean and 95 % interval over {} backgrounds; the contact with the ground stays at one row",
             backgrounds_of(rows)
         ),
         panels: vec![
@@ -244,7 +254,7 @@ fn pair_chart(model: &str, both: &[&CueRow], pair: &[&CueRow]) -> Chart {
     Chart {
         title: format!("Figure 4.6  One unfamiliar object against two: {model}"),
         note: format!(
-            "mean and standard deviation over {} backgrounds",
+            "mean and 95 % interval over {} backgrounds",
             backgrounds_of(pair)
         ),
         panels: vec![
@@ -296,7 +306,7 @@ pub(super) fn step_chart(model: &str, rows: &[&CueRow]) -> Chart {
     Chart {
         title: format!("Figure 4.7  Depth step at an occluder's edge: {model}"),
         note: format!(
-            "above 0: the hidden object is deeper, as it should be; mean and standard deviation over \
+            "above 0: the hidden object is deeper, as it should be; mean and 95 % interval over \
              {} backgrounds",
             backgrounds_of(rows)
         ),
@@ -373,7 +383,7 @@ fn angle_chart(model: &str, rows: &[&CueRow]) -> Chart {
     Chart {
         title: format!("Figure 4.9  Height in the visual field: {model}"),
         note: format!(
-            "{name}; mean and standard deviation over {} backgrounds",
+            "{name}; mean and 95 % interval over {} backgrounds",
             backgrounds_of(rows)
         ),
         panels,

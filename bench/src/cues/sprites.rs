@@ -29,7 +29,7 @@ pub enum SpriteError {
     #[error(transparent)]
     Store(#[from] strat_store::Error),
     /// The picture cannot be decoded.
-    #[error("the sprite {} is no usable PNG: {reason}", path.display())]
+    #[error("the sprite {} is not a usable PNG: {reason}", path.display())]
     Decode {
         /// The file.
         path: PathBuf,

@@ -49,7 +49,7 @@ pub fn sheet(image: &str, model: &str, synthesis: &Synthesis) -> String {
     Sheet {
         title: format!("Figure 3.4  Right views at growing baselines: {model}, {image}"),
         note: format!(
-            "Synthesised from the left view at network size. Below: difference to the widest in grey levels, \
+            "Synthesised from the left view at its own size. Below: difference to the widest in grey levels, \
              mean over the colours; black 0, bright {WORST_DIFFERENCE} and more."
         ),
         rows,

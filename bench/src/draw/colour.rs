@@ -3,9 +3,6 @@
 use image::Rgb;
 use strat_store::raster::Plane;
 
-/// Where nothing was measured, scored or predicted.
-pub(super) const NOTHING: Rgb<u8> = Rgb([96, 96, 96]);
-
 /// Depth and disparity: black is far, bright is near.
 #[must_use]
 pub fn magma(share: f32) -> Rgb<u8> {
@@ -16,16 +13,6 @@ pub fn magma(share: f32) -> Rgb<u8> {
 #[must_use]
 pub fn cividis(share: f32) -> Rgb<u8> {
     gradient(colorous::CIVIDIS, if share.is_nan() { 1.0 } else { share })
-}
-
-/// Errors: blue is small, red is large. NaN is the red end.
-#[must_use]
-pub fn blue_to_red(share: f32) -> Rgb<u8> {
-    // The gradient runs from red to blue.
-    gradient(
-        colorous::RED_YELLOW_BLUE,
-        1.0 - if share.is_nan() { 1.0 } else { share },
-    )
 }
 
 fn gradient(gradient: colorous::Gradient, share: f32) -> Rgb<u8> {
@@ -64,17 +51,14 @@ mod tests {
         assert_eq!(magma(7.0), magma(1.0));
         assert_eq!(magma(f32::INFINITY), magma(1.0));
         assert_eq!(cividis(f32::NAN), cividis(1.0));
-        assert_eq!(blue_to_red(f32::INFINITY), blue_to_red(1.0));
     }
 
-    /// Bright is near, and red is bad: gradients that are turned round are noticed.
+    /// Bright is near, and bright is bad: gradients that are turned round are noticed.
     #[test]
     fn gradients_run_the_right_way() {
         let light = |colour: Rgb<u8>| colour.0.iter().map(|&c| u32::from(c)).sum::<u32>();
         assert!(light(magma(0.0)) < 20 && light(magma(1.0)) > 500);
         assert!(light(cividis(0.0)) < light(cividis(1.0)));
-        let (small, large) = (blue_to_red(0.0).0, blue_to_red(1.0).0);
-        assert!(small[2] > small[0] && large[0] > large[2]);
     }
 
     #[test]

@@ -1,4 +1,6 @@
-//! One prediction beside its ground truth: input, prediction, truth and error in one PNG.
+//! One prediction beside its ground truth: input, prediction, truth and error in one PNG, each with its name,
+//! and both scales below. The scale of depth is the ground truth's, so that the same truth looks alike in
+//! the pictures of all models.
 //!
 //! What is drawn is what was scored ([`Comparison`]): the pixels that the protocol looks at, and the
 //! prediction scaled and clipped as the protocol does it. Everything else is grey. Sparse points are
@@ -13,26 +15,30 @@ use strat_metrics::Row;
 use strat_store::inputs::{self, Kind};
 use strat_store::{files, image_files, raster::Plane};
 
-use super::colour::{NOTHING, blue_to_red, brightest_of, magma};
+use super::colour::{brightest_of, cividis, magma, percentile_95};
+use super::legend::{self, Scale, ScaleUnit, draw_legend, draw_words};
 use crate::evaluate::{
     Comparison,
     record::{PICTURES, slug},
 };
 
-/// Relative depth error at the red end of the error map.
+/// Relative depth error at the bright end of the error map.
 pub const WORST_ERROR: f32 = 0.5;
 
 /// Pixels between two tiles.
 const GAP: u32 = 6;
 
+/// What was not scored, and what is missing: lighter than the grey in the middle of cividis.
+pub(super) const NOTHING: Rgb<u8> = Rgb([222; 3]);
+
 /// What the four tiles are, for a text beside the pictures.
 const LEGEND: &str = "\
 top left      input image
 top right     predicted inverse depth (magma: dark = far, bright = near), scaled and clipped as scored
-bottom left   true inverse depth, same scale
-bottom right  relative depth error |predicted - true| / true, blue = 0, red = 0.5 or more
+bottom left   true inverse depth, same scale; points are dilated
+bottom right  relative depth error |predicted - true| / true (cividis: dark = 0, bright = 0.5 or more)
 
-Grey was not scored: nothing was measured there, or the protocol leaves it out (crop, depth limits).
+The scale of depth is that of the ground truth's 95th percentile. Light grey was not scored: nothing was measured there, or the protocol leaves it out (crop, depth limits).
 pictures.csv names the protocol and the Abs Rel of each picture.
 ";
 
@@ -121,14 +127,44 @@ fn file(model: &str, image: &str) -> PathBuf {
     Path::new(&slug(model)).join(format!("{}.png", slug(image)))
 }
 
-/// Draws one comparison: four tiles of the size of the image.
+/// Where the four tiles lie: their size, the corners of the upper left and of the lower right one, and the
+/// size of the whole.
+struct Layout {
+    tile: (u32, u32),
+    first: (u32, u32),
+    last: (u32, u32),
+    whole: (u32, u32),
+}
+
+impl Layout {
+    fn of((width, height): (u32, u32)) -> Self {
+        let words = legend::words_height(width);
+        let last = (width + GAP, 2 * words + height);
+        Self {
+            tile: (width, height),
+            first: (0, words),
+            last,
+            whole: (
+                2 * width + GAP,
+                last.1 + height + legend::legend_height(width),
+            ),
+        }
+    }
+}
+
+/// Draws one comparison: four tiles of the size of the image, their names above and the scales below.
 #[must_use]
 pub fn draw(comparison: &Comparison) -> RgbImage {
     let (width, height) = comparison.input.dimensions();
-    let brightest = brightest_of(&comparison.predicted);
-    let truth = widened(&comparison.truth());
+    let truth = comparison.truth();
+    let brightest = match percentile_95(truth.data.iter().copied().filter(|v| *v > 0.0)) {
+        0.0 => brightest_of(&comparison.predicted),
+        of_truth => of_truth,
+    };
+    let truth = widened(&truth);
     let error = widened_error(&comparison.error());
-    let mut canvas = RgbImage::from_pixel(2 * width + GAP, 2 * height + GAP, Rgb([255, 255, 255]));
+    let layout = Layout::of((width, height));
+    let mut canvas = RgbImage::new(layout.whole.0, layout.whole.1);
     // The nearest value: a laser's grid is coarser than the image.
     let nearest = |index: u32, count: u32, from: usize| {
         ((2 * index as usize + 1) * from / (2 * count as usize)).min(from - 1)
@@ -136,23 +172,57 @@ pub fn draw(comparison: &Comparison) -> RgbImage {
     let at = |plane: &Plane, x: u32, y: u32| {
         plane.row(nearest(y, height, plane.height))[nearest(x, width, plane.width)]
     };
-    let (right, bottom) = (width + GAP, height + GAP);
+    let (left, top) = layout.first;
+    let (right, bottom) = layout.last;
     for (x, y, pixel) in comparison.input.enumerate_pixels() {
-        canvas.put_pixel(x, y, *pixel);
+        canvas.put_pixel(left + x, top + y, *pixel);
         let predicted = magma(at(&comparison.predicted, x, y) / brightest);
-        canvas.put_pixel(right + x, y, predicted);
+        canvas.put_pixel(right + x, top + y, predicted);
         let truth = match at(&truth, x, y) {
             0.0 => NOTHING,
             inverse => magma(inverse / brightest),
         };
-        canvas.put_pixel(x, bottom + y, truth);
+        canvas.put_pixel(left + x, bottom + y, truth);
         let error = match at(&error, x, y) {
             error if error < 0.0 => NOTHING,
-            error => blue_to_red(error / WORST_ERROR),
+            error => cividis(error / WORST_ERROR),
         };
         canvas.put_pixel(right + x, bottom + y, error);
     }
+    name_tiles(&mut canvas, &layout, comparison);
+    let below = bottom + layout.tile.1;
+    let depth = Scale {
+        unit: Some(ScaleUnit::Metres),
+        brightest,
+    };
+    let errors = Scale {
+        unit: Some(ScaleUnit::AndMore),
+        brightest: WORST_ERROR,
+    };
+    draw_legend(&mut canvas, (left, below), width, depth, magma);
+    draw_legend(&mut canvas, (right, below), width, errors, cividis);
     canvas
+}
+
+fn name_tiles(canvas: &mut RgbImage, layout: &Layout, comparison: &Comparison) {
+    let words = legend::words_height(layout.tile.0);
+    let error = match comparison.abs_rel() {
+        Some(abs_rel) => format!("relative error, Abs Rel {abs_rel:.3}"),
+        None => "relative error".to_owned(),
+    };
+    let (left, right) = (layout.first.0, layout.last.0);
+    let (above, below) = (layout.first.1 - words, layout.last.1 - words);
+    for (corner, text) in [
+        ((left, above), comparison.image.clone()),
+        (
+            (right, above),
+            format!("{}: depth", comparison.context.model),
+        ),
+        ((left, below), "ground truth, dilated".to_owned()),
+        ((right, below), error),
+    ] {
+        draw_words(canvas, corner, layout.tile.0, &text);
+    }
 }
 
 /// Every pixel that has something spreads to its eight neighbours that have nothing; of several the
@@ -256,18 +326,36 @@ pub(super) mod tests {
     #[test]
     fn tiles_lie_where_the_legend_says() {
         let picture = draw(&example(8, 4, 12.5, [0].into_iter()));
-        assert_eq!(picture.dimensions(), (8 * 2 + GAP, 4 * 2 + GAP));
-        assert_eq!(*picture.get_pixel(7, 3), Rgb([1, 2, 3]));
-        // The prediction is its own 95th percentile; the nearer truth is brighter than that.
-        assert_eq!(*picture.get_pixel(8 + GAP, 0), magma(1.0));
-        assert_eq!(*picture.get_pixel(0, 4 + GAP), magma(1.25));
+        let layout = Layout::of((8, 4));
+        assert_eq!(picture.dimensions(), layout.whole);
+        let ((left, top), (right, bottom)) = (layout.first, layout.last);
+        assert_eq!(*picture.get_pixel(left + 7, top + 3), Rgb([1, 2, 3]));
+        // The scale is the ground truth's, whatever was predicted: 10 m are brightest, 12.5 m less so.
+        assert_eq!(
+            *picture.get_pixel(right, top),
+            magma((1.0 / 12.5_f32) / (1.0 / 10.0_f32))
+        );
+        assert_eq!(*picture.get_pixel(left, bottom), magma(1.0));
         // Widened to its neighbour, nothing further away.
-        assert_eq!(*picture.get_pixel(1, 5 + GAP), magma(1.25));
-        assert_eq!(*picture.get_pixel(2, 4 + GAP), NOTHING);
-        // 12.5 m of 10 m: half of the way to the red end.
-        let error = |x, y| *picture.get_pixel(8 + GAP + x, 4 + GAP + y);
-        assert_eq!(error(0, 0), blue_to_red(0.25 / WORST_ERROR));
+        assert_eq!(*picture.get_pixel(left + 1, bottom + 1), magma(1.0));
+        assert_eq!(*picture.get_pixel(left + 2, bottom), NOTHING);
+        // 12.5 m of 10 m: half of the way to the bright end.
+        let error = |x, y| *picture.get_pixel(right + x, bottom + y);
+        assert_eq!(error(0, 0), cividis(0.25 / WORST_ERROR));
         assert_eq!((error(1, 1), error(2, 0)), (error(0, 0), NOTHING));
+    }
+
+    #[test]
+    fn the_same_truth_looks_alike_for_every_model() {
+        let [near, far] = [5.0, 40.0].map(|depth| draw(&example(8, 4, depth, [0].into_iter())));
+        let layout = Layout::of((8, 4));
+        let (left, bottom) = (layout.first.0, layout.last.1);
+        for (x, y) in [(0, 0), (5, 2)] {
+            assert_eq!(
+                near.get_pixel(left + x, bottom + y),
+                far.get_pixel(left + x, bottom + y)
+            );
+        }
     }
 
     #[test]
@@ -296,10 +384,11 @@ pub(super) mod tests {
         let mut coarse = example(8, 4, 12.5, [0].into_iter());
         coarse.input = RgbImage::new(16, 8);
         let picture = draw(&coarse);
-        let error = |x, y| *picture.get_pixel(16 + GAP + x, 8 + GAP + y);
-        assert_eq!(error(0, 0), blue_to_red(0.5));
+        let (right, bottom) = Layout::of((16, 8)).last;
+        let error = |x, y| *picture.get_pixel(right + x, bottom + y);
+        assert_eq!(error(0, 0), cividis(0.5));
         // Widened by one pixel of the coarse grid.
-        assert_eq!((error(3, 3), error(4, 3)), (blue_to_red(0.5), NOTHING));
+        assert_eq!((error(3, 3), error(4, 3)), (cividis(0.5), NOTHING));
     }
 
     #[test]

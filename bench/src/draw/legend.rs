@@ -22,6 +22,8 @@ pub enum ScaleUnit {
     Metres,
     /// Values and labels are pixels.
     Pixels,
+    /// Values and labels are plain numbers; the last one is "and more".
+    AndMore,
 }
 
 /// Rows of the strip of colours, of the ticks below it, and of everything, before magnification.
@@ -42,8 +44,19 @@ pub fn coloured(map: &Plane, scale: Scale) -> RgbImage {
         let (column, row) = (index % map.width, index / map.width);
         picture.put_pixel(column as u32, row as u32, magma(value / scale.brightest));
     }
-    draw_legend(&mut picture, height, scale);
+    draw_legend(&mut picture, (0, height), width, scale, magma);
     picture
+}
+
+/// The same without the scale below: a picture of the map's own size.
+#[must_use]
+pub fn uncaptioned(map: &Plane, scale: Scale) -> RgbImage {
+    let (width, height) = (map.width as u32, map.height as u32);
+    let colours = map
+        .data
+        .iter()
+        .flat_map(|value| magma(value / scale.brightest).0);
+    RgbImage::from_raw(width, height, colours.collect()).unwrap_or_default()
 }
 
 /// Rows below the map.
@@ -61,6 +74,13 @@ fn ticks(scale: Scale) -> Vec<(f32, String)> {
     let brightest = scale.brightest;
     match scale.unit {
         None => vec![(0.0, "0".to_owned()), (1.0, short(brightest))],
+        Some(ScaleUnit::AndMore) => (0..=4_u8)
+            .map(|quarter| {
+                let share = f32::from(quarter) / 4.0;
+                let more = if quarter == 4 { "+" } else { "" };
+                (share, format!("{}{more}", short(share * brightest)))
+            })
+            .collect(),
         Some(ScaleUnit::Pixels) => (0..=4_u8)
             .map(|quarter| {
                 let share = f32::from(quarter) / 4.0;
@@ -129,12 +149,20 @@ fn labels(scale: Scale, width: f32, size: f32) -> Vec<Label> {
     placed
 }
 
-fn draw_legend(picture: &mut RgbImage, top: u32, scale: Scale) {
-    let (width, zoom) = (picture.width(), magnification(picture.width()));
+/// Draws a scale of so many columns into a picture, with its upper left corner at `(left, top)`; it takes
+/// [`legend_height`] rows.
+pub(super) fn draw_legend(
+    picture: &mut RgbImage,
+    (left, top): (u32, u32),
+    width: u32,
+    scale: Scale,
+    colour: impl Fn(f32) -> Rgb<u8>,
+) {
+    let zoom = magnification(width);
     for column in 0..width {
-        let colour = magma(column as f32 / width.saturating_sub(1).max(1) as f32);
+        let colour = colour(column as f32 / width.saturating_sub(1).max(1) as f32);
         for row in top..top + STRIP * zoom {
-            picture.put_pixel(column, row, colour);
+            picture.put_pixel(left + column, row, colour);
         }
     }
     let (size, rows) = (LETTERS * zoom, (ROWS - STRIP) * zoom);
@@ -146,15 +174,38 @@ fn draw_legend(picture: &mut RgbImage, top: u32, scale: Scale) {
             }
         }
     };
-    // Our own SVG of a size above 0 can always be drawn; without it the strip stands alone.
-    let Ok(drawn) = png::pixels(&svg.into_string(), 1.0) else {
+    put(picture, (left, top + STRIP * zoom), &svg.into_string());
+}
+
+/// Rows of [`draw_words`].
+pub(super) fn words_height(width: u32) -> u32 {
+    (LETTERS + 6) * magnification(width)
+}
+
+/// Writes a line of words into a picture, light on black, at most so many columns wide.
+pub(super) fn draw_words(picture: &mut RgbImage, corner: (u32, u32), width: u32, words: &str) {
+    let (zoom, rows) = (magnification(width), words_height(width));
+    let size = LETTERS * zoom;
+    let svg = html! {
+        svg xmlns="http://www.w3.org/2000/svg" width=(width) height=(rows) fill="#e6e6e6" {
+            text x=(2 * zoom) y=(rows - 4 * zoom) font-size=(size) { (words) }
+        }
+    };
+    put(picture, corner, &svg.into_string());
+}
+
+/// Puts what is drawn, over black, into a picture.
+fn put(picture: &mut RgbImage, (left, top): (u32, u32), svg: &str) {
+    // Our own SVG of a size above 0 can always be drawn; without it the picture stands alone.
+    let Ok(drawn) = png::pixels(svg, 1.0) else {
         return;
     };
+    let width = drawn.width();
     for (index, pixel) in drawn.pixels().iter().enumerate() {
         // Premultiplied over black.
         let (column, row) = (index as u32 % width, index as u32 / width);
         let colour = Rgb([pixel.red(), pixel.green(), pixel.blue()]);
-        picture.put_pixel(column, top + STRIP * zoom + row, colour);
+        picture.put_pixel(left + column, top + row, colour);
     }
 }
 

@@ -16,8 +16,8 @@ use strat_store::{raster::Plane, resize};
 
 use super::{
     colour::{brightest_of, cividis, magma, percentile_95},
-    comparison::{WORST_ERROR, widened},
-    legend::{Scale, ScaleUnit, coloured},
+    comparison::{NOTHING, WORST_ERROR, widened},
+    legend::{Scale, ScaleUnit, coloured, draw_legend, legend_height},
     sheet::{Sheet, Tile, tile_size},
 };
 use crate::evaluate::Comparison;
@@ -28,10 +28,6 @@ const TILE_WIDTH: u32 = 460;
 const PICTURE_QUALITY: u8 = 88;
 /// Absolute difference of grey levels at the bright end.
 pub(super) const WORST_DIFFERENCE: f32 = 64.0;
-/// Rows of the strip below an error map, of which the first two are black.
-const STRIP: u32 = 8;
-/// What was not scored, and what is missing: lighter than the grey in the middle of cividis.
-const NOTHING: Rgb<u8> = Rgb([222; 3]);
 /// Images on one sheet.
 pub const PER_SHEET: usize = 4;
 
@@ -46,7 +42,7 @@ pub struct Frame<'a> {
     pub models: Vec<(&'a str, Shown<&'a Comparison>)>,
 }
 
-/// A right view that a model has made, at network size.
+/// A right view that a model has made, of the left view's size.
 pub struct Synthesis {
     /// The left view it was made of.
     pub left: RgbImage,
@@ -113,7 +109,7 @@ pub fn comparisons(title: &str, frames: &[Frame<'_>]) -> Vec<String> {
 #[must_use]
 pub fn syntheses(title: &str, frames: &[SynthesisFrame<'_>]) -> Vec<String> {
     let note = format!(
-        "Synthesised from the left view at network size. Difference: mean over the colours, black \
+        "Synthesised from the left view at its own size. Difference: mean over the colours, black \
          0, bright {WORST_DIFFERENCE} grey levels and more."
     );
     sheets(title, &note, frames, synthesis_rows)
@@ -251,12 +247,8 @@ fn truth_tile(truth: &Plane, size: (u32, u32), scale: Scale) -> Tile {
 fn error_tile(comparison: &Comparison, size: (u32, u32), name: &str) -> Tile {
     let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
     let values = pooled(&comparison.error(), size, mean);
-    let picture = RgbImage::from_fn(size.0, size.1 + STRIP, |x, y| match y.checked_sub(size.1) {
-        None => {
-            values[(y * size.0 + x) as usize].map_or(NOTHING, |error| cividis(error / WORST_ERROR))
-        }
-        Some(0..2) => Rgb([0; 3]),
-        Some(_) => cividis(x as f32 / (size.0 - 1).max(1) as f32),
+    let picture = with_scale(size, WORST_ERROR, cividis, |x, y| {
+        values[(y * size.0 + x) as usize].map_or(NOTHING, |error| cividis(error / WORST_ERROR))
     });
     let caption = match (&comparison.scored, comparison.abs_rel()) {
         (None, _) => format!("{name}: no ground truth to compare with"),
@@ -267,6 +259,27 @@ fn error_tile(comparison: &Comparison, size: (u32, u32), name: &str) -> Tile {
         ),
     };
     Tile::drawn(&picture, caption)
+}
+
+/// A picture with the scale of its colours below, from 0 to `brightest` and more.
+fn with_scale(
+    (width, height): (u32, u32),
+    brightest: f32,
+    colour: impl Fn(f32) -> Rgb<u8>,
+    pixel: impl Fn(u32, u32) -> Rgb<u8>,
+) -> RgbImage {
+    let mut picture = RgbImage::new(width, height + legend_height(width));
+    for y in 0..height {
+        for x in 0..width {
+            picture.put_pixel(x, y, pixel(x, y));
+        }
+    }
+    let scale = Scale {
+        unit: Some(ScaleUnit::AndMore),
+        brightest,
+    };
+    draw_legend(&mut picture, (0, height), width, scale, colour);
+    picture
 }
 
 fn synthesis_rows(frame: &SynthesisFrame<'_>) -> [Vec<Tile>; 2] {
@@ -293,7 +306,7 @@ fn synthesis_rows(frame: &SynthesisFrame<'_>) -> [Vec<Tile>; 2] {
                 let mean = difference.data.iter().sum::<f32>() / difference.data.len() as f32;
                 let (width, height) = (size.0 as usize, size.1 as usize);
                 let small = resize::area_f32(&difference, width, height);
-                let picture = RgbImage::from_fn(size.0, size.1, |x, y| {
+                let picture = with_scale(size, WORST_DIFFERENCE, magma, |x, y| {
                     magma(small.row(y as usize)[x as usize] / WORST_DIFFERENCE)
                 });
                 above.push(photograph(

@@ -292,13 +292,16 @@ impl Figures<'_> {
         let Some(disparity) = model.predict_right(&prepared)? else {
             return Ok(None);
         };
-        let size = (disparity.width as u32, disparity.height as u32);
-        let small = |image| resize::rgb(&image, size.0, size.1, input.kernel);
-        let real = image_files::read_rgb(&self.set.path(right))?;
-        let left = small(left);
+        // A fraction of the width is the same at every size.
+        let (width, height) = left.dimensions();
+        let disparity = resize::bilinear_f32(&disparity, width as usize, height as usize);
+        let mut real = image_files::read_rgb(&self.set.path(right))?;
+        if real.dimensions() != (width, height) {
+            real = resize::rgb(&real, width, height, input.kernel);
+        }
         Ok(Some(Synthesis {
             right: side_by_side::synthesize_right(&left, &disparity, 1.0),
-            real: small(real),
+            real,
             left,
             disparity,
         }))

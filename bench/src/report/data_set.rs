@@ -62,6 +62,7 @@ impl Page {
         let ranked: Vec<&String> = first.into_iter().chain(scaled).collect();
         html! {
             @if !warnings.is_empty() { (warning("What was warned about during the runs:", &warnings)) }
+            @for name in &ranked { (self.verdict(&set.rows, name)) }
             (of_tables)
             @if !further.is_empty() {
                 h3 { "Under further protocols" }

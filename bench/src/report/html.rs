@@ -11,7 +11,7 @@ use strat_metrics::{
     tables::{Cell, Line, Table, ThesisTable},
 };
 
-/// A figure with its interval below.
+/// A number with its interval below.
 pub(super) fn figure(value: Option<f64>, interval: Option<Interval>) -> Markup {
     html! {
         @match value {
@@ -21,8 +21,29 @@ pub(super) fn figure(value: Option<f64>, interval: Option<Interval>) -> Markup {
     }
 }
 
+/// Columns whose words stand below the method's name, so that the numbers have room.
+const BESIDE_NAMES: [&str; 3] = ["origin", "supervision", "images"];
+
 pub(super) fn thesis_table(table: &Table) -> Markup {
-    let cell = |index: usize, cell: &Cell| {
+    let below = |line: &Line| {
+        let cells = table.columns().iter().zip(&line.cells);
+        let cells = cells.filter(|(column, _)| BESIDE_NAMES.contains(&column.key.as_str()));
+        let words = cells
+            .filter(|(_, cell)| cell.text != "-")
+            .map(|(column, cell)| match column.key.as_str() {
+                "images" => format!("{} images", cell.text),
+                _ => cell.text.clone(),
+            });
+        words.collect::<Vec<_>>().join(", ")
+    };
+    let is_shown = |index: usize| {
+        let column = table.columns().get(index);
+        !column.is_some_and(|column| BESIDE_NAMES.contains(&column.key.as_str()))
+    };
+    let columns = (0..table.columns().len())
+        .filter(|index| is_shown(*index))
+        .count();
+    let cell = |index: usize, cell: &Cell, below: &str| {
         let mark = match cell.marker {
             Some(Marker::Star) => " *",
             Some(Marker::Dagger) => " †",
@@ -34,7 +55,10 @@ pub(super) fn thesis_table(table: &Table) -> Markup {
             .is_some_and(|column| column.numeric);
         html! {
             @if index == 0 {
-                th scope="row" { (cell.text) (mark) }
+                th scope="row" {
+                    (cell.text) (mark)
+                    @if !below.is_empty() { small { (below) } }
+                }
             } @else {
                 td.n[numeric] data-v=[cell.value] {
                     @if cell.best { strong { (cell.text) } } @else { (cell.text) }
@@ -49,21 +73,23 @@ pub(super) fn thesis_table(table: &Table) -> Markup {
         let measured = line.measured && table.id() != ThesisTable::Table32;
         html! {
             tr.measured[measured].later[line.grey] {
-                @for (index, one) in line.cells.iter().enumerate() { (cell(index, one)) }
+                @for (index, one) in line.cells.iter().enumerate() {
+                    @if is_shown(index) { (cell(index, one, &below(line))) }
+                }
             }
         }
     };
     let body = html! {
         table.sortable {
             thead { tr {
-                @for column in table.columns() {
-                    th.n[column.numeric] scope="col" { (column.heading) }
+                @for (index, column) in table.columns().iter().enumerate() {
+                    @if is_shown(index) { th.n[column.numeric] scope="col" { (column.head()) } }
                 }
             } }
             @for section in table.sections() {
                 tbody {
                     @if let Some(heading) = &section.heading {
-                        tr { th.part colspan=(table.columns().len()) scope="colgroup" { (heading) } }
+                        tr { th.part colspan=(columns) scope="colgroup" { (heading) } }
                     }
                     @for one in &section.lines { (line(one)) }
                 }
@@ -74,7 +100,11 @@ pub(super) fn thesis_table(table: &Table) -> Markup {
         @if !table.remarks().is_empty() { (warning("", table.remarks())) }
         (scrolling(
             &format!("Table {}", table.id()),
-            &format!("{}. Bold: best among comparable lines.", table.first_line()),
+            &format!(
+                "{}. Bold: best among comparable lines.{}",
+                table.first_line(),
+                table.resampled().map_or(String::new(), |unit| format!(" Below numbers: 95 % intervals over {unit}."))
+            ),
             &body,
         ))
         details {

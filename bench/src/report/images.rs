@@ -81,8 +81,8 @@ impl Page {
         html! {
             p {
                 "By Abs Rel under " (protocol) ". Pictures: input above, ground truth below, on the left; \
-                 predicted inverse depth above (bright is near) and relative depth error below (blue 0, red "
-                (comparison::WORST_ERROR) " and more), on the right; grey was not scored."
+                 predicted depth above (bright is near, one scale for both) and relative depth error below (dark 0, \
+                 bright " (comparison::WORST_ERROR) " and more), on the right; light grey was not scored."
             }
             @if absent {
                 p.quiet {
@@ -132,8 +132,11 @@ fn of_image(word: &str, row: &Row) -> Markup {
     html! {
         strong { (word) } " " code { (row.image) }
         (format!(
-            ": Abs Rel {:.3}, RMSE {:.3} m under {}",
-            row.score.metrics.abs_rel, row.score.metrics.rmse, row.context.protocol
+            ": Abs Rel {:.3}, RMSE {:.3} m, δ<1.25 {:.3} under {}",
+            row.score.metrics.abs_rel,
+            row.score.metrics.rmse,
+            row.score.metrics.a1,
+            row.context.protocol
         ))
     }
 }

@@ -23,6 +23,8 @@ mod images;
 mod origin;
 mod page;
 mod speed;
+mod training;
+mod verdict;
 
 pub use collect::{Collected, CueResults, DataSet, ReportError, Run, collect};
 pub use page::{BEGINS, Rendered, render};

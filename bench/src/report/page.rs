@@ -13,6 +13,7 @@ use super::{
     html::warning,
     origin::{protocols, provenance},
     speed::latency,
+    training,
 };
 
 /// The page may load nothing but what is in it.
@@ -47,6 +48,9 @@ pub fn render(title: &str, collected: &Collected) -> Rendered {
     let mut section = |id: &str, heading: &str, body: Markup| {
         sections.push((id.to_owned(), heading.to_owned(), body));
     };
+    if let Some(curves) = training::curves(collected) {
+        section("training", "Training", page.charts(&[curves]));
+    }
     if !collected.cues.is_empty() {
         let body = html! { @for results in &collected.cues { (page.cues(results)) } };
         section("cues", "Depth cues", body);
@@ -79,8 +83,8 @@ pub fn render(title: &str, collected: &Collected) -> Rendered {
                     h1 { (title) }
                     p.quiet {
                         "Written by strat bench " (env!("CARGO_PKG_VERSION"))
-                        " from the files below this folder. Measured figures carry 95 % intervals \
-                         over drives; published ones are marked as published."
+                        " from the files below this folder. Measured numbers carry 95 % intervals; \
+                         published ones are marked as published."
                     }
                     nav aria-label="Sections" {
                         ul { @for (id, heading, _) in &sections { li { a href={ "#" (id) } { (heading) } } } }

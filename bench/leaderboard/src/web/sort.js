@@ -32,3 +32,10 @@ for (const table of document.querySelectorAll("table.sortable")) {
     });
   });
 }
+// Notes are printed, too.
+let opened = [];
+addEventListener("beforeprint", () => {
+  opened = [...document.querySelectorAll("details:not([open])")];
+  opened.forEach((one) => { one.open = true; });
+});
+addEventListener("afterprint", () => opened.forEach((one) => { one.open = false; }));
