@@ -19,6 +19,7 @@ use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
 use crate::error::{Error, Result};
+use crate::pickle;
 
 /// What is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,6 +30,9 @@ pub enum Format {
     Png16,
     /// A NumPy file per frame.
     Npy,
+    /// `gt_depths.npz` as monodepth2's `evaluate_depth.py` reads it: one array `data` of all frames in their
+    /// order.
+    Monodepth2,
 }
 
 impl Format {
@@ -38,6 +42,7 @@ impl Format {
             Self::Npz => "npz",
             Self::Png16 => "png16",
             Self::Npy => "npy",
+            Self::Monodepth2 => "monodepth2",
         }
     }
 }
@@ -108,6 +113,37 @@ pub fn export(
                 Ok(())
             })?;
         }
+        Format::Monodepth2 => {
+            done.target = out.join("gt_depths.npz");
+            let path = done.target.clone();
+            let count = samples
+                .iter()
+                .filter(|sample| kind.of(sample).is_some())
+                .count();
+            files::write_atomic_with(&path, |out| {
+                let mut zip = ZipWriter::new_stream(out);
+                let options = SimpleFileOptions::default()
+                    .compression_method(zip::CompressionMethod::Deflated)
+                    .last_modified_time(zip::DateTime::default());
+                // Of 697 maps of KITTI's size more than a gigabyte.
+                let options = options.large_file(true);
+                zip.start_file("data.npy", options)
+                    .map_err(io::Error::other)?;
+                pickle::begin(&mut zip, count)?;
+                each(set, &samples, &mut done, |_, plane, _| {
+                    pickle::map(&mut zip, plane)
+                })?;
+                pickle::end(&mut zip)?;
+                // A gap would move all later frames to other images.
+                if let Some(problem) = done.failed.first() {
+                    return Err(io::Error::other(format!(
+                        "{problem}; without it the order would be wrong"
+                    )));
+                }
+                zip.finish().map_err(io::Error::other)?;
+                Ok(())
+            })?;
+        }
         Format::Npy | Format::Png16 => {
             let write = |id: &str, plane: &Plane, clipped: &mut u64| {
                 let (extension, bytes) = match format {
@@ -164,9 +200,13 @@ impl Export {
     fn collides(&self, other: &Self) -> bool {
         let names = |export: &Self| match export.format.as_str() {
             "npz" => Some((export.role.clone(), export.kind.clone())),
+            // One name for all of them.
+            "monodepth2" => Some((String::new(), String::new())),
             _ => None,
         };
-        self.format == other.format && names(self) == names(other) && self.role == other.role
+        self.format == other.format
+            && names(self) == names(other)
+            && (self.role == other.role || self.format == "monodepth2")
     }
 }
 

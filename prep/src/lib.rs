@@ -15,6 +15,7 @@ mod error;
 pub mod export;
 pub mod input;
 pub mod kitti;
+mod pickle;
 pub mod plan;
 pub mod set;
 pub mod synth;

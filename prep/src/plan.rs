@@ -38,6 +38,9 @@ const SPARSE_DEPTH: u64 = 136_000;
 /// Bytes of a stereo 2015 depth map as EXR: about 90,000 measured pixels.
 const DENSE_DEPTH: u64 = 480_000;
 
+/// Where KITTI's archives lie.
+const DOWNLOADS: &str = "https://s3.eu-central-1.amazonaws.com/avg-kitti";
+
 /// Frames measured at most.
 const MEASURED: usize = 6;
 
@@ -119,6 +122,8 @@ pub struct Archive {
     pub wanted: u64,
     /// How many of them are there already, packed or unpacked.
     pub found: u64,
+    /// Where it can be downloaded, under the terms on KITTI's pages.
+    pub url: String,
 }
 
 impl Archive {
@@ -180,6 +185,7 @@ pub fn plan(request: &Request) -> Result<Plan> {
                 about_bytes,
                 wanted: scenes as u64,
                 found: (0..scenes).filter(|number| is_there(*number)).count() as u64,
+                url: format!("{DOWNLOADS}/{name}"),
             });
         };
         let has = |folder: Option<&SceneFolder>, kind, number| {
@@ -288,6 +294,7 @@ fn raw_archives(split: Split, test_only: bool, raw: Option<&RawFolder>) -> Vec<A
             about_bytes: (ALL_OF_RAW * f64::from(drive.frames) / frames) as u64,
             wanted: frames_of(drive).len() as u64,
             found: frames_of(drive).into_iter().filter(is_there).count() as u64,
+            url: format!("{DOWNLOADS}/raw_data/{0}/{0}_sync.zip", drive.id),
         });
     }
     archives.extend(days.into_iter().map(|date| {
@@ -300,6 +307,7 @@ fn raw_archives(split: Split, test_only: bool, raw: Option<&RawFolder>) -> Vec<A
             found: day.map_or(0, |day| {
                 u64::from(day.cameras.is_ok()) + u64::from(day.projection.is_ok())
             }),
+            url: format!("{DOWNLOADS}/raw_data/{date}_calib.zip"),
         }
     }));
     archives
@@ -403,6 +411,14 @@ impl Plan {
             .is_some_and(|free| free < self.bytes_to_write)
     }
 
+    /// Addresses of the archives that are not there, or not whole, one a line.
+    pub fn urls(&self) -> String {
+        let lacking = self.archives.iter().filter(|archive| !archive.is_there());
+        lacking
+            .map(|archive| format!("{}\n", archive.url))
+            .collect()
+    }
+
     /// The plan as a table with sentences; `out` is the folder of the set.
     pub fn text(&self, out: &Path) -> String {
         let what = if self.test_only {
@@ -429,10 +445,15 @@ impl Plan {
         };
         let ((there, there_bytes), (missing, missing_bytes)) = (sum(true), sum(false));
         text += &format!(
-            "\n{there} archives are there (about {}), {missing} are to be downloaded (about {}); they need \
-             not be unpacked\n",
+            "\nHave {there} of {} archives (about {}); about {} to download{}; zip archives need not be unpacked\n",
+            there + missing,
             human::bytes(there_bytes),
-            human::bytes(missing_bytes)
+            human::bytes(missing_bytes),
+            if missing > 0 {
+                ", whose addresses `--urls` prints"
+            } else {
+                ""
+            }
         );
         text += &format!(
             "to be written  about {} for {} samples{}\n",
@@ -486,6 +507,20 @@ mod tests {
         let (count, size) = archives(Split::Eigen, false);
         assert_eq!(count, 61 + 5);
         assert!((size - 175.0).abs() < 0.01, "{size}");
+        let urls: Vec<String> = raw_archives(Split::Eigen, true, None)
+            .into_iter()
+            .map(|archive| archive.url)
+            .collect();
+        assert_eq!(
+            urls[0],
+            "https://s3.eu-central-1.amazonaws.com/avg-kitti/raw_data/2011_09_26_drive_0002/\
+             2011_09_26_drive_0002_sync.zip"
+        );
+        assert!(
+            urls.last()
+                .unwrap()
+                .ends_with("avg-kitti/raw_data/2011_10_03_calib.zip")
+        );
         let (count, size) = archives(Split::Eigen, true);
         assert_eq!(count, 28 + 5);
         assert!(

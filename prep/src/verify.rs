@@ -345,7 +345,7 @@ fn state_of(source: &Source, form: Form, deep: bool) -> State {
 }
 
 fn no_scan(length: u64) -> State {
-    State::Truncated(format!("{length} bytes are no whole number of points"))
+    State::Truncated(format!("{length} bytes are not a whole number of points"))
 }
 
 /// Why a file that begins rightly is cut off, if it is: PNG ends with an `IEND` chunk, JPEG with
@@ -358,7 +358,7 @@ fn ends_early(bytes: &[u8], form: Form) -> Option<String> {
     let cut = |end: &str| Some(format!("it ends after {} bytes without {end}", bytes.len()));
     match form {
         Form::Scan if !bytes.len().is_multiple_of(16) => Some(format!(
-            "{} bytes are no whole number of points",
+            "{} bytes are not a whole number of points",
             bytes.len()
         )),
         Form::Scan | Form::Text => None,

@@ -95,10 +95,10 @@ pub(super) struct SetArgs {
     #[command(flatten)]
     jobs: JobsArg,
     /// Show no progress.
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
     /// Folder to write to: new, empty, or of an earlier run with the same options.
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
 }
 

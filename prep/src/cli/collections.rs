@@ -32,8 +32,9 @@ empty where they are not known. A list of such images alone needs no columns but
 Which pairs are drawn depends on their ids alone, so more rows move none of the earlier ones.
 Frames of one video look alike: give them one role with the column split.
 
-Example:
-  prep pairs --csv pairs.csv --out sets/own")]
+Examples:
+  prep pairs --csv pairs.csv -o sets/own
+  prep pairs --csv pairs.csv --val-share 0.05 --test-share 0.2 -o sets/own")]
 pub(super) struct PairsArgs {
     /// The list of pairs.
     #[arg(long, value_name = "FILE")]
@@ -51,8 +52,9 @@ pub(super) struct PairsArgs {
 /// Arguments of `prep make3d`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Example:
-  prep make3d --images Test134 --depth Gridlaserdata --out sets/make3d")]
+Examples:
+  prep make3d --images Test134 --depth Gridlaserdata -o sets/make3d
+  prep make3d --images Test134 --depth Gridlaserdata --codec jpeg -o sets/make3d")]
 pub(super) struct Make3dArgs {
     /// Folder of the test images, `img-*.jpg`.
     #[arg(long, value_name = "DIR")]
@@ -67,8 +69,9 @@ pub(super) struct Make3dArgs {
 /// Arguments of `prep cityscapes`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Example:
-  prep cityscapes --root cityscapes --out sets/cityscapes")]
+Examples:
+  prep cityscapes --root cityscapes -o sets/cityscapes
+  prep cityscapes --root cityscapes --shard 0/8 -o sets/cityscapes")]
 pub(super) struct CityscapesArgs {
     /// Folder of `leftImg8bit`, `rightImg8bit`, `camera` and, if wanted, `gtFine`.
     #[arg(long, value_name = "DIR")]
@@ -96,13 +99,13 @@ pub(super) fn pairs(args: &PairsArgs) -> Result<u8, CliError> {
     }
     let options = args.set.options()?;
     let report = pairs::prepare(&args.csv, shares, &options)?;
-    conclude(&options.out, options.shard, &report)
+    conclude(&options.out, options.shard, options.quiet, &report)
 }
 
 pub(super) fn make3d(args: &Make3dArgs) -> Result<u8, CliError> {
     let options = args.set.options()?;
     let report = make3d::prepare(&args.images, &args.depth, &options)?;
-    let code = conclude(&options.out, options.shard, &report)?;
+    let code = conclude(&options.out, options.shard, options.quiet, &report)?;
     if options.shard.is_none() && !report.set.manifest.is_complete(Role::Test) {
         eprint_line(format_args!(
             "the published test set has {TEST_IMAGES} images; numbers from fewer are not comparable with it"
@@ -114,5 +117,5 @@ pub(super) fn make3d(args: &Make3dArgs) -> Result<u8, CliError> {
 pub(super) fn cityscapes(args: &CityscapesArgs) -> Result<u8, CliError> {
     let options = args.set.options()?;
     let report = cityscapes::prepare(&args.root, &options)?;
-    conclude(&options.out, options.shard, &report)
+    conclude(&options.out, options.shard, options.quiet, &report)
 }

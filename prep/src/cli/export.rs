@@ -16,13 +16,14 @@ use crate::export;
 #[command(after_help = "\
 Examples:
   prep export sets/eigen --kind velodyne --format npz --out gt      gt/test-velodyne.npz
-  prep export sets/own --format png16 --role val --out gt          gt/<id>.png, metres times 256")]
+  prep export sets/own --format png16 --role val --out gt          gt/<id>.png, metres times 256
+  prep export sets/eigen --kind velodyne --format monodepth2 --out gt    gt/gt_depths.npz")]
 pub(super) struct ExportArgs {
     /// A prepared set.
     #[arg(value_name = "SET")]
     set: PathBuf,
     /// Folder to write to: new, empty, or of an earlier export; nothing else is replaced.
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// What is written.
     #[arg(long, value_enum)]
@@ -43,6 +44,8 @@ enum Format {
     Png16,
     /// A NumPy file per frame.
     Npy,
+    /// gt_depths.npz for monodepth2's evaluate_depth.py; --kind annotated for its eigen_benchmark.
+    Monodepth2,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -67,6 +70,7 @@ impl From<Format> for export::Format {
             Format::Npz => Self::Npz,
             Format::Png16 => Self::Png16,
             Format::Npy => Self::Npy,
+            Format::Monodepth2 => Self::Monodepth2,
         }
     }
 }

@@ -17,6 +17,10 @@ use crate::set::space::check_space;
 
 /// Arguments of `prep kitti`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  prep kitti --raw kitti_raw --stereo2015 kitti2015 --semantics kitti_semantics -o sets/kitti
+  prep kitti --stereo2015 data_scene_flow.zip --test-only -o sets/test")]
 pub(super) struct KittiArgs {
     #[command(flatten)]
     split: SplitArgs,
@@ -32,6 +36,10 @@ pub(super) struct KittiArgs {
 
 /// Arguments of `prep eigen`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  prep eigen --raw kitti_raw -o sets/eigen
+  prep eigen --raw downloads --annotated data_depth_annotated.zip --codec jpeg -o sets/eigen")]
 pub(super) struct EigenArgs {
     #[command(flatten)]
     split: SplitArgs,
@@ -142,5 +150,5 @@ fn prepare(
     let needed = samples::bytes_to_write(&options.out, &settings, inventory, options.shard);
     check_space(&options.out, needed)?;
     let report = samples::build(&options, &settings, inventory)?;
-    conclude(&options.out, options.shard, &report)
+    conclude(&options.out, options.shard, options.quiet, &report)
 }

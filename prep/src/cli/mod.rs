@@ -16,8 +16,9 @@ mod verify;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use clap::{Parser, Subcommand};
+use clap::{FromArgMatches as _, Parser, Subcommand};
 use strat_store::command::{CliError, DONE, USAGE, fail, utf8_arguments};
+use strat_store::shell::{self, ColourArg, CompletionsArgs, take_colour};
 
 use self::terminal::conclude;
 use crate::set::shards;
@@ -44,6 +45,8 @@ Exit codes: 0 done, 1 failed or incomplete, 2 wrong usage.";
 struct Cli {
     #[command(subcommand)]
     command: Command,
+    #[command(flatten)]
+    colour: ColourArg,
 }
 
 #[derive(Debug, Subcommand)]
@@ -61,6 +64,11 @@ enum Command {
     /// Write ground truth of a prepared set for other programs: NumPy or 16-bit PNG.
     Export(export::ExportArgs),
     /// Merge the parts that runs with --shard have written into one set.
+    #[command(after_help = "\
+Examples:
+  prep pairs --csv pairs.csv --shard 0/2 -o sets/own
+  prep pairs --csv pairs.csv --shard 1/2 -o sets/own
+  prep merge sets/own")]
     Merge {
         /// The folder that all of them were given as --out.
         #[arg(value_name = "DIR")]
@@ -74,6 +82,12 @@ enum Command {
     Splits(splits::SplitsArgs),
     /// Render a street world in KITTI's own layouts.
     Synth(synth::SynthArgs),
+    /// Print completions for a shell, or write manual pages.
+    #[command(after_help = "\
+Examples:
+  prep completions bash                 for ~/.local/share/bash-completion/completions/prep
+  prep completions --man man/man1       prep.1 and a page for each subcommand")]
+    Completions(CompletionsArgs),
 }
 
 /// The parser of the command line, for tests of what guides tell users to type.
@@ -87,7 +101,9 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
         Ok(args) => args,
         Err(error) => return fail(&error),
     };
-    let cli = match Cli::try_parse_from(args) {
+    let (args, colour) = take_colour(args);
+    let parsed = command().color(colour).try_get_matches_from(args);
+    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
             // Help and version are no errors: they go to stdout with code 0.
@@ -107,10 +123,11 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Verify(args) => verify::verify(&args),
         Command::Splits(args) => splits::splits(&args),
         Command::Synth(args) => synth::synth(&args),
+        Command::Completions(args) => shell::completions(&args, command()),
     };
     done.unwrap_or_else(|error| fail(&error))
 }
 
 fn merge(out: &Path) -> Result<u8, CliError> {
-    conclude(out, None, &shards::merge(out)?)
+    conclude(out, None, false, &shards::merge(out)?)
 }

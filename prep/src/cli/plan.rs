@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use strat_splits::Split;
-use strat_store::command::{CliError, DONE, FAILED, print_line};
+use strat_store::command::{CliError, DONE, FAILED, print, print_line};
 
 use super::args::{ImageArgs, JobsArg};
 use super::terminal::json;
@@ -17,7 +17,8 @@ use crate::plan::{Goal, Request, plan as find_out};
 Examples:
   prep plan --table 3.1                                  the least that table 3.1 needs
   prep plan --split eigen                                everything for training and evaluation
-  prep plan --split kitti --raw kitti_raw --out sets/kitti   what of it is there, space and time")]
+  prep plan --split kitti --raw kitti_raw --out sets/kitti   what of it is there, space and time
+  prep plan --table 3.1 --urls                           addresses to download, for wget -c -i -")]
 pub(super) struct PlanArgs {
     /// The split, for training and evaluation.
     #[arg(long, required_unless_present = "table", conflicts_with = "table")]
@@ -44,6 +45,9 @@ pub(super) struct PlanArgs {
     /// Print the plan as JSON.
     #[arg(long)]
     json: bool,
+    /// Print only the download addresses of the archives that are missing, one a line.
+    #[arg(long, conflicts_with = "json")]
+    urls: bool,
 }
 
 /// [`FAILED`] if the disk has no room.
@@ -68,6 +72,7 @@ pub(super) fn plan(args: &PlanArgs) -> Result<u8, CliError> {
         threads: args.jobs.threads(),
     })?;
     match args.json {
+        _ if args.urls => print(plan.urls())?,
         true => print_line(json(&plan)?)?,
         false => print_line(plan.text(&args.out).trim_end())?,
     }

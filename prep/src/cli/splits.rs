@@ -2,26 +2,77 @@
 
 use std::fmt::Write;
 
+use serde::Serialize;
 use strat_splits::{
     DriveId, DriveRole, FrameId, Role, Split, counts, digest, drives, eigen_test, kitti2015_origin,
     test_ids, training, validation,
 };
-use strat_store::command::{CliError, DONE, print};
+use strat_store::command::{CliError, DONE, print, print_line};
 
 use super::args::parse_role;
+use super::terminal::json;
 
 /// Arguments of `prep splits`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  prep splits kitti
+  prep splits eigen --list test           ids of the 697 images, one a line")]
 pub(super) struct SplitsArgs {
     /// The split.
     split: Split,
     /// Print the names of one role instead, one a line.
     #[arg(long, value_name = "ROLE", value_parser = parse_role)]
     list: Option<Role>,
+    /// Print counts, or with --list the names, as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A split for scripts.
+#[derive(Serialize)]
+struct Described {
+    split: String,
+    digest: String,
+    training_drives: usize,
+    test_drives: usize,
+    train: usize,
+    val: usize,
+    test: usize,
 }
 
 pub(super) fn splits(args: &SplitsArgs) -> Result<u8, CliError> {
     let lines = |frames: Vec<FrameId>| frames.iter().map(|frame| format!("{frame}\n")).collect();
+    if args.json {
+        let counted = counts(args.split);
+        let text = match args.list {
+            Some(role) => {
+                let names: Vec<String> = match role {
+                    Role::Train => training(args.split)
+                        .iter()
+                        .map(ToString::to_string)
+                        .collect(),
+                    Role::Val => validation(args.split)
+                        .iter()
+                        .map(ToString::to_string)
+                        .collect(),
+                    Role::Test => test_ids(args.split),
+                };
+                json(&names)?
+            }
+            None => json(&Described {
+                split: args.split.to_string(),
+                digest: digest(args.split),
+                training_drives: counted.training_drives,
+                test_drives: counted.test_drives,
+                train: counted.train,
+                val: counted.val,
+                test: counted.test,
+            })?,
+        };
+        print_line(text)?;
+        return Ok(DONE);
+    }
     print(match args.list {
         Some(Role::Train) => lines(training(args.split)),
         Some(Role::Val) => lines(validation(args.split)),

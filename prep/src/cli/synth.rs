@@ -11,6 +11,10 @@ use super::args::JobsArg;
 use crate::synth::{self, Options, Preset};
 
 #[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  prep synth --preset tiny -o world
+  prep synth --preset demo --seed 2 -o world")]
 pub(super) struct SynthArgs {
     /// How much to render.
     #[arg(long, value_enum)]
@@ -21,11 +25,11 @@ pub(super) struct SynthArgs {
     #[command(flatten)]
     jobs: JobsArg,
     /// Show no progress.
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
     /// Folder to write to: new, empty, or of an earlier run with the same options, of which only what is
     /// missing is rendered.
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
 }
 

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use serde::Serialize;
+use strat_splits::Role;
 use strat_store::command::{CliError, DONE, FAILED, eprint_line, print_line};
 use strat_store::layout::FAILURES;
 use strat_store::shard::Shard;
@@ -15,8 +16,30 @@ pub(super) fn json(value: &impl Serialize) -> Result<String, CliError> {
     serde_json::to_string_pretty(value).map_err(CliError::failed)
 }
 
+/// What a set is for: training where it has pairs to train on, else evaluation.
+fn next_step(report: &Report, out: &str) -> String {
+    let manifest = &report.set.manifest;
+    let trains = manifest
+        .counts
+        .get(&Role::Train)
+        .is_some_and(|count| count.found > 0);
+    match (trains, manifest.content.split()) {
+        (true, Some(split)) => format!(
+            "next: train --config {split}-strat --data {out} --out runs/first, or bench eval --table all --data {out} \
+             -m MODEL.onnx -o results"
+        ),
+        (true, None) => format!("next: train --config kitti-strat --data {out} --out runs/first"),
+        (false, _) => format!("next: bench eval --table all --data {out} -m MODEL.onnx -o results"),
+    }
+}
+
 /// Prints what was made; [`FAILED`] if something could not be used.
-pub(super) fn conclude(out: &Path, shard: Option<Shard>, report: &Report) -> Result<u8, CliError> {
+pub(super) fn conclude(
+    out: &Path,
+    shard: Option<Shard>,
+    quiet: bool,
+    report: &Report,
+) -> Result<u8, CliError> {
     let manifest = &report.set.manifest;
     let content = match manifest.content.split() {
         Some(split) => format!("{split} split, {} data", manifest.source),
@@ -44,6 +67,9 @@ pub(super) fn conclude(out: &Path, shard: Option<Shard>, report: &Report) -> Res
         ));
     }
     if report.failures.is_empty() {
+        if shard.is_none() && !quiet {
+            eprint_line(next_step(report, &out.to_string()));
+        }
         return Ok(DONE);
     }
     eprint_line(format_args!(

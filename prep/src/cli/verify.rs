@@ -43,7 +43,7 @@ pub(super) struct VerifyArgs {
     #[command(flatten)]
     jobs: JobsArg,
     /// Show no progress.
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
 }
 
@@ -79,7 +79,7 @@ pub(super) fn verify(args: &VerifyArgs) -> Result<u8, CliError> {
         eprint_line(match (clean, args.deep || args.set.is_some()) {
             (true, true) => format!("all {files} files are good"),
             (true, false) => format!("all {files} files are there and whole; --deep decodes them"),
-            (false, _) => "error: not everything is there and good".to_owned(),
+            (false, _) => "error: some files are missing or damaged".to_owned(),
         });
     }
     Ok(if clean { DONE } else { FAILED })

@@ -217,7 +217,7 @@ fn parse_camera(text: &[u8]) -> std::result::Result<(f64, f64), String> {
         baseline: f64,
     }
     let camera: Camera = serde_json::from_slice(text)
-        .map_err(|e| format!("it is no camera file of Cityscapes: {e}"))?;
+        .map_err(|e| format!("it is not a camera file of Cityscapes: {e}"))?;
     let (fx, baseline) = (camera.intrinsic.fx, camera.extrinsic.baseline);
     for (key, number) in [("intrinsic.fx", fx), ("extrinsic.baseline", baseline)] {
         if !(number.is_finite() && number > 0.0) {
@@ -255,9 +255,9 @@ mod tests {
             ),
             (
                 br#"{"extrinsic": {"baseline": "x"}, "intrinsic": {"fx": 1}}"#,
-                "no camera file",
+                "not a camera file",
             ),
-            (b"\xff", "no camera file"),
+            (b"\xff", "not a camera file"),
         ] {
             let problem = parse_camera(text).unwrap_err();
             assert!(problem.contains(reason), "{problem}");

@@ -34,7 +34,7 @@ pub struct Matrix {
 pub fn read(bytes: &[u8], name: &str) -> Result<Matrix, String> {
     let Some((header, mut rest)) = bytes.split_at_checked(HEADER) else {
         return Err(format!(
-            "it is no MATLAB 5 file: {} bytes are less than its header",
+            "it is not a MATLAB 5 file: {} bytes are less than its header",
             bytes.len()
         ));
     };
@@ -43,7 +43,8 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Matrix, String> {
         b"MI" => true,
         _ => {
             return Err(
-                "it is no MATLAB 5 file (save it with `-v6` or `-v7`; 7.3 is not read)".to_owned(),
+                "it is not a MATLAB 5 file (save it with `-v6` or `-v7`; 7.3 is not read)"
+                    .to_owned(),
             );
         }
     };
@@ -137,7 +138,9 @@ fn named(mut rest: &[u8], name: &str, big_endian: bool) -> Result<Option<Matrix>
     let (class, complex) = (flags & 0xff, flags & 0x800 != 0);
     // Classes 6 to 15 are the numeric ones, from double to uint64.
     if !(6..=15).contains(&class) || complex {
-        return Err(format!("its array `{name}` is no array of real numbers"));
+        return Err(format!(
+            "its array `{name}` is not an array of real numbers"
+        ));
     }
     let dims: Option<Vec<usize>> = dims
         .iter()
@@ -267,7 +270,7 @@ pub(crate) mod tests {
         for (bytes, reason) in [
             (whole[..100].to_vec(), "less than its header"),
             (whole[..whole.len() - 6].to_vec(), "cut off"),
-            (vec![0; 200], "no MATLAB 5 file"),
+            (vec![0; 200], "not a MATLAB 5 file"),
             (file("grid", &[2, 4], &[0.5; 6]), "has 6 values"),
             (file("grid", &[0x7fff_ffff; 9], &[0.5; 6]), "has 6 values"),
             (

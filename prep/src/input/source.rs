@@ -241,13 +241,13 @@ fn cut_off(error: io::Error) -> io::Error {
 /// The files of an archive that `wanted` accepts by name, in the order of the archive.
 ///
 /// # Errors
-/// It cannot be read or is no whole zip archive, as a sentence that names it.
+/// It cannot be read or is not a whole zip archive, as a sentence that names it.
 pub fn entries(path: &Path, wanted: impl Fn(&str) -> bool) -> Result<Vec<Entry>, String> {
     let file = inputs::open(path, Kind::Archive).map_err(|e| e.to_string())?;
     let changed = file.metadata().ok().and_then(|m| changed(&m));
     let damaged = |problem: &dyn fmt::Display| {
         format!(
-            "{} is no whole zip archive ({problem}); download it again",
+            "{} is not a whole zip archive ({problem}); download it again",
             path.display()
         )
     };
@@ -397,7 +397,7 @@ mod tests {
             std::fs::write(&cut, bytes).unwrap();
             let problem = entries(&cut, |_| true).unwrap_err();
             assert!(
-                problem.contains("cut.zip is no whole zip archive"),
+                problem.contains("cut.zip is not a whole zip archive"),
                 "{problem}"
             );
         }

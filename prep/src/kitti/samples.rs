@@ -199,7 +199,7 @@ fn scene_camera(input: &SceneInput, (width, height): (u32, u32)) -> SampleResult
             SampleError::input(
                 left,
                 format!(
-                    "{left} is {width}x{height}, which is no KITTI size, and has no calibration"
+                    "{left} is {width}x{height}, which is not a KITTI size, and has no calibration"
                 ),
             )
         });

@@ -77,7 +77,7 @@ pub(super) fn claim(out: &Path, file: &WorldFile) -> Result<()> {
         let there: WorldFile = yaml::load(&path)?;
         if there != *file {
             return Err(refuse(format!(
-                "this folder holds another world (preset {}, seed {}, version {}; asked for: preset {}, \
+                "this folder holds another world (preset {}, seed {}, version {}; requested: preset {}, \
                  seed {}, version {}); give another folder, or remove that one",
                 there.preset,
                 there.seed,

@@ -78,14 +78,14 @@ fn wrong_input_folders_are_explained() {
         ("raw/2011_09_26/calib_cam_to_cam.txt", &["this is a file"]),
         (
             "archives/2011_09_26_drive_0001_sync.zip",
-            &["0001_sync.zip is no whole zip archive"],
+            &["0001_sync.zip is not a whole zip archive"],
         ),
         ("empty", &["the folder is empty", "looked for"]),
         ("raw/2011_09_26", &["one recording day", &right]),
         (&format!("raw/{DRIVE_1}"), &["one drive", &two_up]),
         ("", &[&deeper]),
         ("stereo", &["--stereo2015"]),
-        ("archives", &["0001_sync.zip is no whole zip archive"]),
+        ("archives", &["0001_sync.zip is not a whole zip archive"]),
         ("other", &["none of the five days"]),
     ] {
         let outcome = raw(name);

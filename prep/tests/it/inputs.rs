@@ -18,7 +18,7 @@ fn scenes_without_calibration_go_by_their_size() {
     assert_eq!(outcome.code, 1);
     assert_has(
         &outcome.stderr,
-        &["is 62x20, which is no KITTI size, and has no calibration"],
+        &["is 62x20, which is not a KITTI size, and has no calibration"],
     );
     assert_eq!(ids(&world.open("out"), Role::Test), ["kitti2015/000000"]);
 }
@@ -113,7 +113,10 @@ fn a_damaged_archive_costs_what_is_in_it() {
     assert_eq!(outcome.code, 1, "{}", outcome.stderr);
     assert_has(
         &outcome.stderr,
-        &["0002_sync.zip is no whole zip archive", "download it again"],
+        &[
+            "0002_sync.zip is not a whole zip archive",
+            "download it again",
+        ],
     );
     assert_has(&outcome.stdout, &["train 1 of 29839 pairs, val 1"]);
     let failures = std::fs::read_to_string(world.path("out/failures.csv")).unwrap();

@@ -262,7 +262,7 @@ fn inputs_are_verified_drive_by_drive() {
         "{out}"
     );
     assert!(
-        out.contains("17 bytes are no whole number of points"),
+        out.contains("17 bytes are not a whole number of points"),
         "{out}"
     );
     assert!(out.contains("of 108 good; short by"), "{out}");

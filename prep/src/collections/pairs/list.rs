@@ -410,7 +410,7 @@ mod tests {
             (5, "can only be tested on; `split` is val"),
             (6, "`baseline_m` should be"),
             (7, "`split` should be train, val or test, but is `dev`"),
-            (8, "no usable id"),
+            (8, "not a usable id"),
             (9, "4 fields, but there are 6 columns"),
             (10, "not UTF-8"),
             (11, "but is `NaN`"),
