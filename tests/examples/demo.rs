@@ -57,7 +57,9 @@ fn main() -> ExitCode {
             eprintln!("ONNX Runtime: {}", path.display());
         }
         Availability::Unavailable(reason) => {
-            eprintln!("ONNX Runtime cannot be had ({reason}); the embedded runtime serves instead");
+            eprintln!(
+                "ONNX Runtime is not available ({reason}); the embedded runtime serves instead"
+            );
         }
     }
     let steps = plan.steps();

@@ -5,11 +5,24 @@
 
 use std::path::{Path, PathBuf};
 
+use anyhow::Context as _;
 use clap::{Args, ValueEnum, builder::PossibleValue};
-use strat_store::{command::CliError, threads};
+use strat_metrics::{
+    baselines,
+    tables::{FILE_WIDTH, Shown},
+};
+use strat_store::{
+    command::CliError,
+    inputs::{self, Kind},
+    shell, threads,
+};
 
 use crate::{
-    evaluate::{NamedFile, plan::TableChoice},
+    evaluate::{
+        NamedFile,
+        plan::TableChoice,
+        write::{Look, Tables},
+    },
     notes::Notes,
     quantity::StereoCamera,
     runtime::{
@@ -40,7 +53,7 @@ pub(super) struct RuntimeArgs {
     #[arg(long)]
     in_process: bool,
     /// No progress and no notes; warnings and errors still show
-    #[arg(long)]
+    #[arg(short, long)]
     pub(super) quiet: bool,
 }
 
@@ -71,7 +84,7 @@ pub(super) struct ThreadArgs {
     /// Threads beside the model, for decoding, measuring and writing [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Threads within the model. Another number can change the last bits of its figures, so the
+    /// Threads within the model. Another number can change the last bits of its numbers, so the
     /// default is the same on all machines
     #[arg(long, value_name = "N", default_value_t = 2,
           value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -98,11 +111,66 @@ pub(super) struct ReplaceArgs {
     pub(super) force: bool,
 }
 
+// How tables are shown; the same for all subcommands that write some.
+#[derive(Clone, Debug, Args)]
+pub(super) struct ShowArgs {
+    /// Rows of the tables: `all`, `measured`, or names of methods between commas, in that order;
+    /// table_*.csv has all of them
+    #[arg(
+        long,
+        value_name = "ROWS",
+        default_value = "all",
+        conflicts_with = "no_published"
+    )]
+    show: Shown,
+    /// No published rows, the same as --show measured
+    #[arg(long)]
+    no_published: bool,
+    /// Published numbers of your own beside the measured ones: CSV with columns of leaderboard.csv, of
+    /// which protocol, method and citation are needed; may be given several times
+    #[arg(long = "published", value_name = "FILE.csv")]
+    published: Vec<PathBuf>,
+    /// Print the tables as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl ShowArgs {
+    /// What was asked for.
+    pub(super) fn look(&self) -> Result<Look, CliError> {
+        let mut published = Vec::new();
+        for path in &self.published {
+            let bytes = inputs::read(path, Kind::Table).map_err(CliError::usage)?;
+            let rows = baselines::read(bytes.as_slice());
+            published.extend(rows.map_err(|error| {
+                CliError::Usage(format!("cannot use {}: {error}", path.display()))
+            })?);
+        }
+        let shown = if self.no_published {
+            Shown::Measured
+        } else {
+            self.show.clone()
+        };
+        Ok(Look { shown, published })
+    }
+
+    /// The tables as they are printed: as JSON, or as text that fits the terminal.
+    pub(super) fn printed(&self, tables: &Tables) -> anyhow::Result<String> {
+        if self.json {
+            let text = serde_json::to_string_pretty(&tables.tables);
+            return Ok(text.context("the tables cannot be written as JSON")? + "\n");
+        }
+        let width = shell::columns().unwrap_or(FILE_WIDTH);
+        Ok(tables.joined(|table| table.terminal(width)))
+    }
+}
+
 // The camera of images that bring none; both numbers or neither.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct CameraArgs {
-    /// Focal length in pixels of the images' own width; depth from disparity needs it
-    #[arg(long, value_name = "PX", requires = "baseline_m", value_parser = positive)]
+    /// Focal length in pixels of the images' own width; depth from disparity needs it, with --baseline-m,
+    /// and so do point clouds
+    #[arg(long, value_name = "PX", value_parser = positive)]
     focal_px: Option<f64>,
     /// Stereo baseline in metres that the model was trained with (KITTI: 0.54)
     #[arg(long, value_name = "M", requires = "focal_px", value_parser = positive)]
@@ -110,7 +178,12 @@ pub(super) struct CameraArgs {
 }
 
 impl CameraArgs {
-    /// The camera, where it is given.
+    /// The focal length, also where there is no baseline.
+    pub(super) fn focal_px(&self) -> Option<f64> {
+        self.focal_px
+    }
+
+    /// The camera, where all of it is given.
     pub(super) fn stereo_camera(&self) -> Option<StereoCamera> {
         Some(StereoCamera {
             focal_px: self.focal_px?,
@@ -215,7 +288,7 @@ impl ValueEnum for TableChoice {
             ),
             Self::Make3d => (
                 "make3d",
-                "Make3D: the figures beside the pictures of figure 3.6",
+                "Make3D: the numbers beside the pictures of figure 3.6",
             ),
             Self::Eigen652 => (
                 "eigen-652",

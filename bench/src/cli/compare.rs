@@ -11,7 +11,8 @@ use crate::rows::compare;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Example:
+Examples:
+  bench compare results/rows.csv
   bench compare results-a/rows.csv results-b/rows.csv --model-a godard --model-b strat")]
 pub(super) struct CompareArgs {
     /// Rows files; models of one file are compared as well

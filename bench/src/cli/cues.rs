@@ -54,6 +54,11 @@ impl ValueEnum for View {
 }
 
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  bench cues --data kitti_set -m model.onnx -o cues        all experiments
+  bench cues size --data kitti_set -m a.onnx -m b.onnx -o cues
+  bench cues --render cues                                 figures and summary again")]
 pub(super) struct CuesArgs {
     /// Experiments to make
     #[arg(value_enum, default_value = "all")]
@@ -63,13 +68,14 @@ pub(super) struct CuesArgs {
     data: Option<PathBuf>,
     /// ONNX file, with the name shown in figures; may be given several times
     #[arg(
+        short,
         long = "model",
         value_name = "[NAME=]FILE.onnx",
         required_unless_present = "render"
     )]
     models: Vec<String>,
     /// Folder for rows, summary and figures
-    #[arg(long, value_name = "DIR", required_unless_present = "render")]
+    #[arg(short, long, value_name = "DIR", required_unless_present = "render")]
     out: Option<PathBuf>,
     /// Draw figures and summary of this folder again from its cues.csv, without a model
     #[arg(long, value_name = "DIR", conflicts_with_all = ["data", "models", "out", "sprites"])]
@@ -219,7 +225,10 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
     let summary = run::write_results(out, &all_rows)?;
     journals.into_iter().try_for_each(Journal::finish)?;
     print(shown(&summary, args.json)?)?;
-    notes.say(&format!("results are in {}", out.display()));
+    let folder = out.display();
+    notes.say(&format!(
+        "results are in {folder}; next: bench report {folder}"
+    ));
     if !failures.is_empty() {
         notes.fail(format!(
             "{} composite(s) have no row; {} says why",

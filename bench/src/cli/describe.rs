@@ -29,6 +29,14 @@ The draft is written beside the file (model.yaml for model.onnx) and never repla
 are marked `read from the file` or `to be confirmed`, and in the template of a family by where in its own code
 they stand; `bench` warns as long as lines are to be confirmed.
 
+A description says what the model takes and gives; the README of bench has all keys:
+  input:  {width: 640, height: 192, range: 0..1, mean: [0.485, 0.456, 0.406],
+           std: [0.229, 0.224, 0.225], channels: rgb, layout: nchw, kernel: lanczos}
+  output: {name: disp, meaning: inverse_depth, sigmoid: {min_depth: 0.1, max_depth: 100},
+           scale: 5.4, channel: 0, layout: nchw}
+meaning is disparity_fraction, disparity_px, inverse_depth or depth (of unknown scale unless `scale` says how
+many metres the unit is), inverse_depth_per_m or depth_m.
+
 Examples:
   bench describe depth_anything_v2_vits.onnx --family depth-anything-v2 --image street.png
   bench describe model.onnx
@@ -40,7 +48,7 @@ pub(super) struct DescribeArgs {
     /// Begin with what is known of a family of models
     #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(names()))]
     family: Option<String>,
-    /// Photograph to try the model on; a made-up picture without
+    /// Photograph to try the model on; a synthetic picture without
     #[arg(long, value_name = "FILE", requires = "model")]
     image: Option<PathBuf>,
     #[command(flatten)]
@@ -105,7 +113,7 @@ fn describe(args: &DescribeArgs, path: &Path, family: Option<&Family>) -> anyhow
                 let image = image.file_name().unwrap_or_default().to_string_lossy();
                 draft.take_look(&look, &image);
             }
-            doubt.map(|error| format!("what the model gave is no map: {error}"))
+            doubt.map(|error| format!("what the model gave is not a map: {error}"))
         }
         Err(error) => Some(format!("the model could not be tried: {error}")),
     };
@@ -118,8 +126,10 @@ fn describe(args: &DescribeArgs, path: &Path, family: Option<&Family>) -> anyhow
     print(text.clone())?;
     let left = unconfirmed(&text);
     notes.say(&format!(
-        "written to {}; {left} lines are to be confirmed",
-        yaml.display()
+        "written to {}; {left} lines are to be confirmed there; next: bench predict PHOTOS -m {} -o depth, or bench \
+         eval",
+        yaml.display(),
+        path.display()
     ));
     Ok(if is_whole { DONE } else { FAILED })
 }

@@ -7,6 +7,10 @@ use strat_store::command::{DONE, print};
 use crate::runtime::inventory::Report;
 
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  bench devices
+  bench devices --json")]
 pub(super) struct DevicesArgs {
     /// Print JSON
     #[arg(long)]

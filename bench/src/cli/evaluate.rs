@@ -1,4 +1,4 @@
-//! `bench --table`: models over a prepared set, into rows and tables.
+//! `bench eval`, also `bench --table`: models over a prepared set, into rows and tables.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use strat_store::{
     shard::Shard,
 };
 
-use super::args::{ReplaceArgs, RuntimeArgs, ThreadArgs, named_files};
+use super::args::{ReplaceArgs, RuntimeArgs, ShowArgs, ThreadArgs, named_files};
 use crate::{
     draw::comparison,
     evaluate::{
@@ -22,6 +22,27 @@ use crate::{
     notes::Notes,
 };
 
+/// Below `bench eval --help`. Not an attribute of the arguments, which stand at `bench` itself as well.
+pub(super) const EXAMPLES: &str = "\
+Examples:
+  bench eval --table 3.1 --data kitti_set -m strat=model.onnx -o results
+      table 3.1 for one model
+  bench eval --table 3.3 --data eigen_set -m a.onnx -m b.onnx -o results --device cuda
+      two models side by side on an NVIDIA device
+  bench eval --table all --data kitti_set -m model.onnx --median-baseline --pictures 8 -o results
+      all tables the set offers, a constant baseline, and pictures
+  bench eval --table 3.3 --data eigen_set --predictions godard=disparities.npy -o results
+      predictions that another program has saved, without a model
+  bench eval --table 3.3 --data eigen_set -m model.onnx -o results --shard 0/8
+      one of eight parts, on as many machines; `bench merge results` merges them
+
+Models of other projects need a description beside the file (`bench describe --help`), and so do saved
+predictions (disps.yaml for disps.npy or disps.npz, predictions.yaml in a folder of PNG, EXR or npy files), with
+meaning, sigmoid, scale and png_divisor:
+  meaning: disparity_fraction
+
+A run that was interrupted goes on where it stopped when the same command is run again.";
+
 #[derive(Debug, Args)]
 pub(super) struct EvaluateArgs {
     /// Table to fill; `all` is whatever tables of the thesis the data offers
@@ -30,15 +51,15 @@ pub(super) struct EvaluateArgs {
     /// Folder that `prep` has written
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// ONNX file, with the name it shall have in tables; may be given several times
-    #[arg(long = "model", value_name = "[NAME=]FILE.onnx")]
+    /// ONNX file, with the name shown in tables; may be given several times
+    #[arg(short, long = "model", value_name = "[NAME=]FILE.onnx")]
     models: Vec<String>,
     /// Predictions that some program has saved (npy, npz, or a folder of 16-bit PNG, EXR or npy),
-    /// with the name they shall have in tables; may be given several times
+    /// with the name shown in tables; may be given several times
     #[arg(long = "predictions", value_name = "[NAME=]PATH")]
     predictions: Vec<String>,
     /// Folder for rows, tables and the run record
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// Further protocols for rows.csv and leaderboard.csv, by name (see `bench protocols`) or as
     /// a YAML file of your own
@@ -71,6 +92,8 @@ pub(super) struct EvaluateArgs {
     threads: ThreadArgs,
     #[command(flatten)]
     replace: ReplaceArgs,
+    #[command(flatten)]
+    show: ShowArgs,
 }
 
 impl From<RunError> for CliError {
@@ -84,6 +107,15 @@ impl From<RunError> for CliError {
 }
 
 pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
+    if args.models.is_empty() && args.predictions.is_empty() && !args.median_baseline {
+        return Err(CliError::Usage(
+            "nothing to measure: give --model FILE.onnx, --predictions PATH or --median-baseline"
+                .to_owned(),
+        )
+        .into());
+    }
+    // What cannot be shown is said before anything is measured.
+    args.show.look()?;
     let constant = args.median_baseline.then_some(median::NAME);
     let models = named_files("model", &args.models, constant.as_slice())?;
     let mut taken: Vec<&str> = models.iter().map(|given| given.name.as_str()).collect();
@@ -125,10 +157,7 @@ pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result
             let complete = outcome.record.complete;
             (String::new(), if complete { DONE } else { FAILED })
         }
-        None => {
-            let asked = !models.is_empty() || !predictions.is_empty() || args.median_baseline;
-            conclude(outcome, folder, &finished.tables, asked, quiet)?
-        }
+        None => conclude(outcome, folder, &finished.tables, &args.show, quiet)?,
     };
     finished.remove_journals()?;
     print(tables)?;
@@ -136,21 +165,35 @@ pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result
 }
 
 /// Writes everything that follows from the rows of a whole run; the tables, to be printed last, and
-/// the exit code. Without rows there are none, which is a failure where something `was_asked` for.
+/// the exit code. Without rows there are none, which is a failure.
 pub(super) fn conclude(
     outcome: &Outcome,
     out: &Path,
     wanted: &[ThesisTable],
-    was_asked: bool,
+    show: &ShowArgs,
     quiet: bool,
 ) -> anyhow::Result<(String, u8)> {
     outcome.write(out)?;
-    if outcome.rows.is_empty() && was_asked {
+    if outcome.rows.is_empty() {
         eprint_line("error: nothing could be measured, so there is no table");
         return Ok((String::new(), FAILED));
     }
-    let tables = write::derived(outcome, out, wanted)?;
-    Notes::new(quiet).say(&format!("results are in {}", out.display()));
+    let look = show.look()?;
+    let tables = write::derived(outcome, out, wanted, &look)?;
+    let notes = Notes::new(quiet);
+    for table in &tables.tables {
+        for name in table.missing(&look.shown) {
+            notes.note(&format!(
+                "no row of table {} is called \"{name}\"",
+                table.id()
+            ));
+        }
+    }
+    let folder = out.display();
+    notes.say(&format!(
+        "results are in {folder} (rows, tables as text, Markdown, LaTeX and CSV, notes and intervals); next: bench \
+         report {folder}"
+    ));
     if !outcome.failures.is_empty() {
         eprint_line(format_args!(
             "error: {} result(s) are missing; they are listed in {}",
@@ -159,5 +202,6 @@ pub(super) fn conclude(
         ));
     }
     let complete = outcome.record.complete;
+    let tables = show.printed(&tables)?;
     Ok((tables, if complete { DONE } else { FAILED }))
 }

@@ -39,13 +39,13 @@ pub(super) struct FiguresArgs {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
     /// ONNX file, with the name shown in figures; may be given several times
-    #[arg(long = "model", value_name = "[NAME=]FILE.onnx")]
+    #[arg(short, long = "model", value_name = "[NAME=]FILE.onnx")]
     models: Vec<String>,
     /// Saved predictions, as for `bench --predictions`
     #[arg(long = "predictions", value_name = "[NAME=]PATH")]
     predictions: Vec<String>,
     /// Folder for the figures
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// Test images by id, separated by commas
     #[arg(long, value_name = "ID,...", value_delimiter = ',', conflicts_with_all = ["count", "rows"])]

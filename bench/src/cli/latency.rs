@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use anyhow::Context as _;
 use clap::Args;
 use strat_store::{
     claim,
@@ -23,9 +24,18 @@ use crate::{
 };
 
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  bench latency -m model.onnx --images photos --threads 1,2 --batch 1,4 -o speed
+  bench latency -m small.onnx -m large.onnx --data eigen_set -o speed")]
 pub(super) struct LatencyArgs {
     /// ONNX file, with the name shown in the table; may be given several times
-    #[arg(long = "model", value_name = "[NAME=]FILE.onnx", required = true)]
+    #[arg(
+        short,
+        long = "model",
+        value_name = "[NAME=]FILE.onnx",
+        required = true
+    )]
     models: Vec<String>,
     /// Folder that `prep` has written: its test images and their cameras are used
     #[arg(
@@ -41,7 +51,7 @@ pub(super) struct LatencyArgs {
     #[command(flatten)]
     camera: CameraArgs,
     /// Folder for latency.csv
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// Thread counts to try, within the model and for decoding [default: all cores]
     #[arg(long, value_name = "N,N,...", value_delimiter = ',',
@@ -62,6 +72,9 @@ pub(super) struct LatencyArgs {
     runtime: RuntimeArgs,
     #[command(flatten)]
     replace: ReplaceArgs,
+    /// Print the rows as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -74,6 +87,9 @@ fn seconds(text: &str) -> Result<f64, String> {
 pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
     let models = named_files("model", &args.models, &[])?;
     let camera = args.camera.stereo_camera();
+    if camera.is_none() && args.camera.focal_px().is_some() {
+        return Err(CliError::Usage("--focal-px needs --baseline-m".to_owned()).into());
+    }
     if camera.is_some() && args.data.is_some() {
         return Err(CliError::Usage(
             "`--focal-px` and `--baseline-m` are for `--images`; a prepared set knows its cameras"
@@ -147,6 +163,24 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
     if args.queries < 100 {
         notes.note("below 100 queries the 99th percentile is the slowest query");
     }
+    if let Some(most) = timing
+        .threads
+        .iter()
+        .max()
+        .filter(|most| **most > timing.processor.threads)
+    {
+        notes.warn(format!(
+            "{most} threads share {} cores; times with more threads than cores say little about the model",
+            timing.processor.threads
+        ));
+    }
+    let busy = sysinfo::System::load_average().one;
+    if busy > 0.5 * timing.processor.threads as f64 {
+        notes.warn(format!(
+            "other programs are at work (load {busy:.1} on {} cores); close them for times that can be compared",
+            timing.processor.threads
+        ));
+    }
     let mut rows = Vec::new();
     for NamedFile { name, file } in &models {
         if let Err(error) = timing.model(name, file, &mut rows, &mut notes) {
@@ -158,8 +192,17 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
         return Ok(FAILED);
     }
     files::write_atomic_with(&path, |out| latency::write_rows(&rows, out))?;
-    print(latency::table(&rows))?;
-    notes.say(&format!("rows are in {}", path.display()));
+    print(if args.json {
+        let text = serde_json::to_string_pretty(&rows);
+        text.context("the rows cannot be written as JSON")? + "\n"
+    } else {
+        latency::table(&rows)
+    })?;
+    notes.say(&format!(
+        "rows are in {}; next: bench report {}",
+        path.display(),
+        args.out.display()
+    ));
     Ok(if notes.incomplete { FAILED } else { DONE })
 }
 

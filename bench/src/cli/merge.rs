@@ -1,4 +1,4 @@
-//! `bench merge`: the parts of a divided run become one.
+//! `bench merge`: the parts of a sharded run become one.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,10 @@ use strat_store::{
     shard::Shard,
 };
 
-use super::{args::ReplaceArgs, evaluate::conclude};
+use super::{
+    args::{ReplaceArgs, ShowArgs},
+    evaluate::conclude,
+};
 use crate::evaluate::{
     ownership::{self, MARK},
     shards,
@@ -17,18 +20,20 @@ use crate::evaluate::{
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Example:
-  bench --table 3.3 --data set --model model.onnx --out results --shard 0/2
-  bench --table 3.3 --data set --model model.onnx --out results --shard 1/2
+Examples:
+  bench eval --table 3.3 --data set -m model.onnx -o results --shard 0/2
+  bench eval --table 3.3 --data set -m model.onnx -o results --shard 1/2
   bench merge results")]
 pub(super) struct MergeArgs {
     /// The folder that all parts had as --out; their own folders in it are removed
     out: PathBuf,
     /// No notes; errors still show
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
     #[command(flatten)]
     replace: ReplaceArgs,
+    #[command(flatten)]
+    show: ShowArgs,
 }
 
 pub(super) fn run(args: &MergeArgs) -> anyhow::Result<u8> {
@@ -45,7 +50,7 @@ pub(super) fn run(args: &MergeArgs) -> anyhow::Result<u8> {
         .iter()
         .filter_map(|name| name.parse().ok())
         .collect();
-    let (tables, code) = conclude(&outcome, &args.out, &tables, true, args.quiet)?;
+    let (tables, code) = conclude(&outcome, &args.out, &tables, &args.show, args.quiet)?;
     for path in Shard::remove_all(&args.out, ownership::is_of_part)? {
         eprint_line(format_args!(
             "note: {} is not of this run and stays",

@@ -29,64 +29,45 @@ use std::ffi::OsString;
 
 use clap::{Args as _, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use strat_store::command::{CliError, DONE, USAGE, fail, utf8_arguments};
+use strat_store::shell::{self, ColourArg, CompletionsArgs, take_colour};
 
 use self::evaluate::EvaluateArgs;
 use crate::{evaluate::plan::PlanError, runtime::process};
 
-const EXAMPLES: &str = "\
+/// Below `bench --help`; `bench` alone leaves it out.
+const FURTHER_HELP: &str = "\
 Examples:
-  bench setup
-      put ONNX Runtime into a folder of its own, once
-  bench --table 3.1 --data kitti_set --model strat=model.onnx --out results
-      table 3.1 for one model
-  bench --table 3.3 --data eigen_set --model a.onnx --model b.onnx --out results --device cuda
-      two models side by side on an NVIDIA device
-  bench --table all --data kitti_set --model model.onnx --median-baseline --pictures 8 --out results
-      all tables the set offers, a constant baseline, and pictures
-  bench report results
-      one HTML page about all runs below a folder: tables, intervals, curves, best and worst images
-  bench study studies/kitti --out results/study
-      which variant is better, from the finished runs of `train study`
-  bench protocols
-      the evaluation rules by name
-  bench devices
-      what this machine can run models on, and why not on the rest
-  bench --table 3.3 --data eigen_set --predictions godard=disparities.npy --out results
-      predictions that another program has saved, without a model
-  bench --table 3.3 --data eigen_set --model model.onnx --out results --shard 0/8
-      one of eight parts, on as many machines; `bench merge results` puts them together
-  bench describe model.onnx --image street.png
-      a first description of a downloaded model, for you to confirm
-  bench predict --model model.onnx photos --out depth --format exr,color --focal-px 721.5 --baseline-m 0.54
-      depth maps and coloured pictures of a folder of images
-  bench latency --model model.onnx --images photos --threads 1,2 --batch 1,4 --out speed
-      percentiles and throughput, from file to depth and for the session alone
-  bench figures --data kitti_set --model a.onnx --model b.onnx --out figures
-      depth and error of models side by side, and the right views they make
-  bench cues --data kitti_set --model model.onnx --out cues
-      which depth cues the model uses, with figures 4.3 to 4.10
+  bench setup                                                   once: ONNX Runtime into a folder of its own
+  bench eval --table 3.1 --data kitti_set -m strat=model.onnx -o results
+  bench eval --table 3.3 --data eigen_set --predictions godard=disparities.npy -o results
+  bench predict photos -m model.onnx -o depth                   maps of your own photos
+  bench report results                                          one page about all of it
 
-Models of other projects need a description beside the file (model.yaml for model.onnx):
-  input:  {width: 640, height: 192, range: 0..1, mean: [0.485, 0.456, 0.406],
-           std: [0.229, 0.224, 0.225], channels: rgb, layout: nchw, kernel: lanczos}
-  output: {name: disp, meaning: inverse_depth, sigmoid: {min_depth: 0.1, max_depth: 100},
-           scale: 5.4, channel: 0, layout: nchw}
-`bench describe` drafts one; README.md of bench has all keys. There
-meaning is disparity_fraction, disparity_px, inverse_depth or depth (of unknown scale unless
-`scale` says how many metres the unit is), inverse_depth_per_m or depth_m.
-
-Saved predictions need one too (disps.yaml for disps.npy or disps.npz, predictions.yaml in a folder
-of PNG, EXR or npy files), with meaning, sigmoid, scale and png_divisor:
-  meaning: disparity_fraction
+`bench --table ...` is `bench eval --table ...`. Models of other projects need a description beside the file,
+which `bench describe` drafts; `bench describe --help` shows one.
 
 Exit codes: 0 done, 1 failed or incomplete, 2 wrong usage.";
+
+/// Subcommands by what one wants to do.
+const GROUPS: [(&str, &[&str]); 3] = [
+    ("Measure", &["eval", "predict", "latency", "cues"]),
+    (
+        "Look and compare",
+        &["report", "compare", "study", "figures", "render"],
+    ),
+    (
+        "Models and rules",
+        &["setup", "devices", "describe", "protocols"],
+    ),
+];
 
 #[derive(Debug, Parser)]
 #[command(
     name = "bench",
     version,
-    about = "Evaluates ONNX depth models and writes the tables 3.1, 3.2 and 3.3",
-    after_help = EXAMPLES,
+    about = "Evaluates ONNX depth models and saved predictions, and writes the thesis' tables",
+    override_usage = "bench COMMAND [OPTIONS]      (bench COMMAND --help has options and examples)",
+    after_long_help = FURTHER_HELP,
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
     arg_required_else_help = true
@@ -94,6 +75,8 @@ Exit codes: 0 done, 1 failed or incomplete, 2 wrong usage.";
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
+    #[command(flatten)]
+    colour: ColourArg,
 }
 
 /// What a command line asks for: a subcommand, or tables.
@@ -104,9 +87,12 @@ enum Asked {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Evaluate models or saved predictions: rows, tables, intervals
+    #[command(after_help = evaluate::EXAMPLES)]
+    Eval(Box<EvaluateArgs>),
     /// Install ONNX Runtime into a folder of its own (needs python3 with pip, once)
     Setup(setup::SetupArgs),
-    /// Put the parts of a divided run (--shard) together
+    /// Merge the parts of a sharded run (--shard)
     Merge(merge::MergeArgs),
     /// Show what this machine can run models on, and why not on the rest
     Devices(devices::DevicesArgs),
@@ -131,6 +117,10 @@ enum Command {
     /// Write a submission to a leaderboard, add lines to a leaderboard file, or merge files
     Publish(publish::PublishArgs),
     /// Derive every measured line of a leaderboard again from its rows
+    #[command(after_help = "\
+Examples:
+  bench verify-leaderboard leaderboard.csv --rows results/rows.csv
+  bench verify-leaderboard all.csv --rows mine/rows.csv yours/rows.csv")]
     VerifyLeaderboard(verify::VerifyArgs),
     /// Write the thesis' tables from rows alone
     Render(render::RenderArgs),
@@ -138,6 +128,12 @@ enum Command {
     Study(study::StudyArgs),
     /// Write one HTML page about everything below a folder of results
     Report(report::ReportArgs),
+    /// Print completions for a shell, or write manual pages
+    #[command(after_help = "\
+Examples:
+  bench completions bash                 for ~/.local/share/bash-completion/completions/bench
+  bench completions --man man/man1       bench.1 and a page for each subcommand")]
+    Completions(CompletionsArgs),
     /// Run one model for the process that starts this
     #[command(name = process::COMMAND, hide = true)]
     ModelProcess(model_process::ModelProcessArgs),
@@ -145,14 +141,44 @@ enum Command {
 
 /// The parser of the command line.
 pub fn command() -> clap::Command {
-    EvaluateArgs::augment_args(Cli::command())
+    // The options of `bench --table` are those of `bench eval`, which shows them.
+    let command = EvaluateArgs::augment_args(Cli::command())
+        .mut_args(|arg| match arg.get_id().as_str() {
+            "color" | "help" | "version" => arg,
+            _ => arg.hide(true),
+        })
+        .after_long_help(FURTHER_HELP);
+    let list = subcommands(&command);
+    command.help_template(format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}\nOptions:\n{{options}}{{after-help}}"
+    ))
+}
+
+/// The list of subcommands in [`GROUPS`]; all others by name alone.
+fn subcommands(command: &clap::Command) -> String {
+    let shown = || command.get_subcommands().filter(|one| !one.is_hide_set());
+    let named = |name: &str| GROUPS.iter().any(|(_, names)| names.contains(&name));
+    let mut text = String::new();
+    for (heading, names) in GROUPS {
+        text += &format!("{heading}:\n");
+        for one in shown().filter(|one| names.contains(&one.get_name())) {
+            let about = one.get_about().map(ToString::to_string).unwrap_or_default();
+            text += &format!("  {:<10} {about}\n", one.get_name());
+        }
+    }
+    let others = shown()
+        .map(clap::Command::get_name)
+        .filter(|name| !named(name));
+    text += &format!("Further: {}\n", others.collect::<Vec<_>>().join(", "));
+    text
 }
 
 /// clap's derive never finds an optional group of options that contains another, so the options of
 /// `bench --table` are read here, where no subcommand is named.
-fn parse(args: &[OsString]) -> Result<Asked, clap::Error> {
-    let matches = command().try_get_matches_from(args)?;
+fn parse(args: &[OsString], colour: clap::ColorChoice) -> Result<Asked, clap::Error> {
+    let matches = command().color(colour).try_get_matches_from(args)?;
     Ok(match Cli::from_arg_matches(&matches)?.command {
+        Some(Command::Eval(args)) => Asked::Tables(*args),
         Some(command) => Asked::Command(command),
         None => Asked::Tables(EvaluateArgs::from_arg_matches(&matches)?),
     })
@@ -165,12 +191,13 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
         Ok(args) => args,
         Err(error) => return fail(&error),
     };
+    let (args, colour) = take_colour(args);
     let arguments: Vec<String> = args
         .iter()
         .skip(1)
         .map(|argument| argument.to_string_lossy().into_owned())
         .collect();
-    let asked = match parse(&args) {
+    let asked = match parse(&args, colour) {
         Ok(asked) => asked,
         Err(error) => {
             // clap knows which of its messages are help (stdout, success) and which are not.
@@ -185,11 +212,12 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
 }
 
 fn run(asked: Asked, arguments: Vec<String>) -> anyhow::Result<u8> {
-    let command = match asked {
+    let asked = match asked {
         Asked::Tables(args) => return evaluate::run(&args, arguments),
-        Asked::Command(command) => command,
+        Asked::Command(asked) => asked,
     };
-    match command {
+    match asked {
+        Command::Eval(args) => evaluate::run(&args, arguments),
         Command::Setup(args) => setup::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Devices(args) => devices::run(&args),
@@ -207,6 +235,7 @@ fn run(asked: Asked, arguments: Vec<String>) -> anyhow::Result<u8> {
         Command::Render(args) => render::run(&args),
         Command::Study(args) => study::run(&args, arguments),
         Command::Report(args) => report::run(&args),
+        Command::Completions(args) => Ok(shell::completions(&args, command())?),
         Command::ModelProcess(args) => model_process::run(&args),
     }
 }
@@ -221,9 +250,29 @@ mod tests {
     }
 
     #[test]
+    fn help_has_every_subcommand_once_and_fits_a_screen() {
+        let short = command().render_help().to_string();
+        let long = command().render_long_help().to_string();
+        for one in command().get_subcommands().filter(|one| !one.is_hide_set()) {
+            let words = |text: &String| text.contains(&format!(" {}", one.get_name()));
+            assert!(words(&short) && words(&long), "{short}");
+        }
+        assert!(!short.contains("--median-baseline"), "{short}");
+        assert!(
+            short.lines().count() <= 30 && long.lines().count() <= 50,
+            "{short}{long}"
+        );
+    }
+
+    #[test]
     fn a_table_and_a_subcommand_are_told_apart() {
-        let asked = |line: &str| parse(&line.split(' ').map(OsString::from).collect::<Vec<_>>());
+        let asked = |line: &str| {
+            let words: Vec<OsString> = line.split(' ').map(OsString::from).collect();
+            parse(&words, clap::ColorChoice::Never)
+        };
         let table = asked("bench --table 3.1 --data set --out results --model a.onnx");
+        assert!(matches!(table, Ok(Asked::Tables(_))));
+        let table = asked("bench eval --table 3.1 --data set -o results -m a.onnx -q");
         assert!(matches!(table, Ok(Asked::Tables(_))));
         let other = asked("bench report results");
         assert!(matches!(other, Ok(Asked::Command(Command::Report(_)))));

@@ -5,12 +5,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use anyhow::Context as _;
 use clap::{Args, ValueEnum, builder::PossibleValue};
 use serde::Serialize;
 use strat_store::{
     claim::{Found, Mark},
     command::{DONE, FAILED, print},
-    files,
+    files, human,
     progress::Progress,
 };
 
@@ -26,7 +27,7 @@ use crate::{
         vet::{other_camera, vet},
     },
     notes::Notes,
-    quantity::{Quantity, StereoCamera, default_quantity},
+    quantity::{Quantity, StereoCamera},
     runtime::placement_text,
 };
 
@@ -43,17 +44,21 @@ const MARK: Mark = Mark {
 
 impl ValueEnum for Format {
     fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Exr, Self::Png16, Self::Color, Self::Npy]
+        &[Self::Exr, Self::Png16, Self::Color, Self::Npy, Self::Ply]
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
         let help = match self {
             Self::Exr => "NAME.exr: depth in metres with unit, camera and model in the header",
-            Self::Png16 => "NAME.depth.png or NAME.disparity.png: value times 256, 0 = none",
+            Self::Png16 => {
+                "NAME.depth.png or NAME.disparity.png: value times --png-scale, 0 = none"
+            }
             Self::Color => {
-                "NAME.color.png: inverse depth or disparity in colour (magma), its scale below"
+                "Inverse depth or disparity in colour (magma): NAME.color.png with its scale below, \
+                 NAME.colormap.png of the image's own size"
             }
             Self::Npy => "NAME.npy: the numbers as f32, [height, width]",
+            Self::Ply => "NAME.ply: a coloured point cloud in metres; needs --focal-px",
         };
         Some(PossibleValue::new(self.as_str()).help(help))
     }
@@ -85,19 +90,40 @@ impl ValueEnum for Quantity {
 }
 
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  bench predict photos -m model.onnx -o depth --focal-px 721.5 --baseline-m 0.54
+      depth in metres and coloured pictures of a folder of images
+  bench predict street.png -m model.onnx -o depth --format color,npy")]
 pub(super) struct PredictArgs {
     /// Images (PNG or JPEG), or folders of them
     #[arg(value_name = "IMAGE_OR_DIR", required = true)]
     inputs: Vec<PathBuf>,
     /// ONNX file
-    #[arg(long, value_name = "FILE.onnx")]
+    #[arg(short, long, value_name = "FILE.onnx")]
     model: PathBuf,
     /// Folder for the results; a folder given as input is mirrored below it
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
-    /// What to write; several may be given, separated by commas
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "exr")]
+    /// What to write; several may be given, separated by commas [default: exr,color where depth in metres
+    /// follows, else npy,color]
+    #[arg(long, value_enum, value_delimiter = ',')]
     format: Vec<Format>,
+    /// What values of png16 are multiplied with: 256 as KITTI does, 1000 for millimetres
+    #[arg(long, value_name = "N", default_value_t = 256.0, value_parser = positive)]
+    png_scale: f64,
+    /// Largest depth of a point in ply
+    #[arg(long, value_name = "M", default_value_t = 80.0, value_parser = positive)]
+    cloud_to_m: f64,
+    /// Leave images alone whose files are all there and newer than the image
+    #[arg(long)]
+    skip_existing: bool,
+    /// List every file that was written
+    #[arg(short, long)]
+    verbose: bool,
+    /// Print what was written as JSON
+    #[arg(long)]
+    json: bool,
     /// What png16 and npy hold [default: depth where it can be had, else disparity-px, or
     /// inverse-depth of unknown scale]
     #[arg(long, value_enum)]
@@ -132,7 +158,18 @@ struct Settings<'a> {
     camera: Option<StereoCamera>,
     nearest_m: Option<f64>,
     network_size: bool,
+    png_scale: f64,
+    focal_px: Option<f64>,
     formats: BTreeMap<&'static str, Quantity>,
+}
+
+/// What was written, for scripts.
+#[derive(Serialize)]
+struct Written<'a> {
+    images: usize,
+    failed: usize,
+    out: &'a Path,
+    files: &'a [PathBuf],
 }
 
 /// What ran; written beside the results.
@@ -149,7 +186,7 @@ struct Record<'a> {
 }
 
 pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
-    let jobs = maps::jobs(&args.inputs, &args.out)?;
+    let (jobs, skipped) = maps::jobs(&args.inputs, &args.out)?;
     let inputs = args.inputs.iter().chain([&args.model]);
     let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
     MARK.examine(&args.out, &inputs)?;
@@ -172,6 +209,9 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
         camera,
         nearest_m: args.nearest_m,
         network_size: args.network_size,
+        png_scale: args.png_scale,
+        focal_px: args.camera.focal_px(),
+        cloud_to_m: args.cloud_to_m,
     };
     let targets = maps::targets(&request, &model.description)?;
     maps::refuse_collisions(&jobs, &targets)?;
@@ -188,6 +228,8 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
         camera,
         nearest_m: args.nearest_m,
         network_size: args.network_size,
+        png_scale: args.png_scale,
+        focal_px: args.camera.focal_px(),
         formats: targets
             .iter()
             .map(|target| (target.format.as_str(), target.conversion.quantity))
@@ -203,6 +245,7 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
         MARK.begin_with(&args.out, record.as_bytes())?;
     }
     let mut notes = Notes::new(args.runtime.quiet);
+    skipped.iter().for_each(|sentence| notes.note(sentence));
     let vetting = vet(&mut model, None)?;
     vetting
         .warnings
@@ -219,8 +262,8 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
         placement_text(model.placement()).unwrap_or_else(|| model.provider().to_owned())
     ));
     let meaning = model.description.output.meaning();
-    if default_quantity(meaning, camera) == Quantity::DisparityPx {
-        notes.note("without --focal-px and --baseline-m there is no depth, only disparity");
+    if let Some(advice) = maps::advice(&model.description, camera) {
+        notes.note(advice);
     }
     let writer = Writer {
         request: &request,
@@ -233,15 +276,22 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
         ),
     };
     let (done, left) = if goes_on {
-        writer.split(&args.out.join(MARK.begun()), &jobs)
+        writer.split(Some(&args.out.join(MARK.begun())), &jobs)
+    } else if args.skip_existing {
+        writer.split(None, &jobs)
     } else {
         (Vec::new(), jobs.clone())
     };
     if !done.is_empty() {
         notes.note(&format!(
-            "{} of {} images were done before the last run was interrupted; going on",
+            "{} of {} images were done before{}",
             jobs.len() - left.len(),
-            jobs.len()
+            jobs.len(),
+            if goes_on {
+                " the last run was interrupted; continuing"
+            } else {
+                " and are left alone"
+            }
         ));
     }
     let progress = Progress::new("predict", left.len() as u64, "images", args.runtime.quiet);
@@ -261,17 +311,41 @@ pub(super) fn run(args: &PredictArgs, arguments: Vec<String>) -> anyhow::Result<
     };
     let text = strat_store::yaml::to_string(&record)?;
     MARK.finish(&args.out, text.as_bytes())?;
-    let lines: String = done
-        .iter()
-        .chain(&outcome.written)
-        .map(|path| format!("{}\n", path.display()))
-        .collect();
-    print(lines)?;
+    let mut files: Vec<PathBuf> = done.iter().chain(&outcome.written).cloned().collect();
+    // The camera of maps of the network's size is another.
+    if let Some(focal_px) = args.camera.focal_px().filter(|_| !args.network_size) {
+        files.extend(maps::write_camera_info(&args.out, &jobs, focal_px)?);
+    }
+    let images = jobs.len() - outcome.failed;
+    print(if args.json {
+        let written = Written {
+            images,
+            failed: outcome.failed,
+            out: &args.out,
+            files: &files,
+        };
+        serde_json::to_string_pretty(&written).context("the list cannot be written as JSON")? + "\n"
+    } else if args.verbose {
+        files
+            .iter()
+            .map(|path| format!("{}\n", path.display()))
+            .collect()
+    } else {
+        let kinds = targets.iter().flat_map(|target| target.suffixes());
+        let kinds: Vec<String> = kinds.map(|suffix| format!("*{suffix}")).collect();
+        format!(
+            "{} in {}: {}\n",
+            human::count(images, "image", "images"),
+            args.out.display(),
+            kinds.join(", ")
+        )
+    })?;
     if outcome.too_large > 0 {
         // Not silenced: what is missing cannot be seen in the files.
         Notes::new(false).note(&format!(
-            "{} value(s) above 255.99 do not fit into 16 bits and are written as 0 (none)",
-            outcome.too_large
+            "{} above {:.2} do not fit into 16 bits and are written as 0 (none)",
+            human::count(outcome.too_large, "value", "values"),
+            f64::from(u16::MAX) / args.png_scale
         ));
     }
     if outcome.failed == 0 {

@@ -9,29 +9,37 @@ use strat_store::{
     command::{CliError, DONE, eprint_line, print},
 };
 
+use super::args::ShowArgs;
 use crate::{
-    evaluate::{ownership, plan, record::ROWS, write},
+    evaluate::{
+        ownership, plan,
+        record::ROWS,
+        write::{self, Tables},
+    },
     rows::{compare, leaderboard},
 };
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Example:
-  bench render --rows results/rows.csv --out tables")]
+Examples:
+  bench render --rows results/rows.csv -o tables
+  bench render --rows mine/rows.csv yours/rows.csv -o tables")]
 pub(super) struct RenderArgs {
     /// Rows files of one set; the first one's run.yaml says how many images there should be
     #[arg(long, value_name = "ROWS.csv", num_args = 1.., required = true)]
     rows: Vec<PathBuf>,
     /// Folder for the tables
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// Images of the complete test set, instead of what run.yaml or the split says
     #[arg(long, value_name = "N")]
     expected: Option<u64>,
-    /// Where the images come from, instead of what run.yaml says; figures of `kitti` compete
+    /// Where the images come from, instead of what run.yaml says; numbers of `kitti` compete
     /// with published ones
     #[arg(long, value_name = "TEXT")]
     source: Option<String>,
+    #[command(flatten)]
+    show: ShowArgs,
 }
 
 /// Whose a folder of tables without their rows is.
@@ -43,6 +51,7 @@ const MARK: Mark = Mark {
 };
 
 pub(super) fn run(args: &RenderArgs) -> anyhow::Result<u8> {
+    let look = args.show.look()?;
     let rows = compare::read_all(&args.rows)?;
     let first = args
         .rows
@@ -70,12 +79,22 @@ pub(super) fn run(args: &RenderArgs) -> anyhow::Result<u8> {
         MARK.begin(&args.out)?;
     }
     ownership::remove_tables(&args.out)?;
-    let written = write::write_tables(&args.out, &wanted, &rows, &coverage)?;
+    let written = write::write_tables(&args.out, &wanted, &rows, &coverage, &look)?;
     if !of_run {
         MARK.finish(&args.out, MARK.begins.as_bytes())?;
     }
-    let texts: Vec<String> = written.iter().map(|table| table.text()).collect();
-    print(texts.join("\n"))?;
+    for table in &written {
+        for name in table.missing(&look.shown) {
+            eprint_line(format_args!(
+                "note: no row of table {} is called \"{name}\"",
+                table.id()
+            ));
+        }
+    }
+    print(args.show.printed(&Tables {
+        tables: written,
+        beside: String::new(),
+    })?)?;
     eprint_line(format_args!("the tables are in {}", args.out.display()));
     Ok(DONE)
 }

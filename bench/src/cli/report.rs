@@ -16,8 +16,8 @@ use crate::report;
 The folder may hold several runs, in folders of their own: rows.csv with run.yaml and pictures (of
 `bench --table`), latency.csv (of `bench latency`) and cues.csv (of `bench cues`).
 
-Example:
-  bench --table all --data set --model model.onnx --protocol kitti2015-distance --extremes 3 --out results/kitti
+Examples:
+  bench eval --table all --data set --model model.onnx --protocol kitti2015-distance --extremes 3 --out results/kitti
   bench latency --model model.onnx --images photos --out results/speed
   bench cues --data set --model model.onnx --out results/cues
   bench report results")]
@@ -25,7 +25,7 @@ pub(super) struct ReportArgs {
     /// Folder of results
     folder: PathBuf,
     /// The page [default: report.html in the folder]
-    #[arg(long, value_name = "FILE.html")]
+    #[arg(short, long, value_name = "FILE.html")]
     out: Option<PathBuf>,
     /// Title of the page
     #[arg(long, default_value = "Depth estimation report")]

@@ -12,6 +12,10 @@ use crate::runtime::{
 };
 
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  bench setup                the CPU build, 70 MB
+  bench setup --gpu          CUDA, about 2.5 GB")]
 pub(super) struct SetupArgs {
     /// The CUDA build and the CUDA 13 libraries (about 2.5 GB) instead of the CPU build (70 MB)
     #[arg(long)]

@@ -11,18 +11,22 @@ use strat_store::{
 use crate::cues::cutouts;
 
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  bench sprites --data kitti_set -o sprites
+  bench sprites --data kitti_set -o sprites --each 4       and then `bench cues --sprites sprites`")]
 pub(super) struct SpritesArgs {
     /// Folder that `prep` has written, with label and instance maps and ground truth
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
     /// Folder for the sprites and their sprites.yaml
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// Sprites of each kind (cars and pedestrians)
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=100))]
     each: u16,
     /// No notes
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
 }
 

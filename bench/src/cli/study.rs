@@ -62,7 +62,7 @@ pub(super) struct StudyArgs {
     rows: Vec<PathBuf>,
     /// Folder for results, with a folder in it for each prepared set; with --rows, where the files go
     /// [default with --rows: the answer is only printed]
-    #[arg(long, value_name = "DIR", required_unless_present = "rows")]
+    #[arg(short, long, value_name = "DIR", required_unless_present = "rows")]
     out: Option<PathBuf>,
     /// Prepared sets to measure on [default: those that the runs are trained on]
     #[arg(long = "data", value_name = "SET", conflicts_with = "rows")]
@@ -388,7 +388,12 @@ impl Collecting<'_> {
         MARK.begin(&folder)?;
         MARK.reopen(&folder)?;
         outcome.write(&folder)?;
-        tables::derived(&outcome, &folder, self.on.tables())?;
+        tables::derived(
+            &outcome,
+            &folder,
+            self.on.tables(),
+            &tables::Look::default(),
+        )?;
         answer.write(&folder)?;
         let curves = Curves::read(&self.set.runs);
         for problem in &curves.problems {

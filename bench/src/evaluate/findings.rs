@@ -78,7 +78,7 @@ fn unpredicted(name: &str, rows: &[Row], gives_depth: bool) -> Option<String> {
     Some(if gives_depth {
         format!(
             "{name}: {missing} of {} pixels under {protocol} have no depth (0 is none) and are left \
-             out; figures are of the other {:.1} % alone (columns pixels and floored_pixels of \
+             out; numbers are of the other {:.1} % alone (columns pixels and floored_pixels of \
              rows.csv)",
             missing + scored,
             100.0 * scored as f64 / (missing + scored) as f64

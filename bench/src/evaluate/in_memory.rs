@@ -493,7 +493,7 @@ impl InMemoryRun {
         }
         MARK.begin(out)?;
         outcome.write(out)?;
-        write::derived(&outcome, out, &self.tables)?;
+        write::derived(&outcome, out, &self.tables, &write::Look::default())?;
         Ok(outcome)
     }
 

@@ -43,7 +43,7 @@ fn is_saved_prediction(name: &str) -> bool {
 
 /// Whether a file of this name is a table that a run has written.
 pub fn is_table(name: &str) -> bool {
-    let ends = [".txt", ".md", ".tex", ".csv"];
+    let ends = [".txt", ".md", ".tex", ".csv", ".bib"];
     name.starts_with("table_") && ends.iter().any(|end| name.ends_with(end))
 }
 

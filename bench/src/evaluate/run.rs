@@ -16,6 +16,7 @@ use strat_onnx::metadata::OutputMeaning;
 use strat_splits::Role;
 use strat_store::{
     command::eprint_line,
+    failures::Failures,
     progress::Progress,
     raster::Plane,
     set::{Count, PreparedSet, Sample},
@@ -362,13 +363,20 @@ impl TableRun<'_> {
         for comparison in &evaluation.comparisons {
             (self.draw)(&self.folder, name, comparison)?;
         }
+        let mut told = Failures::default();
         for Failure {
             model,
             image,
             reason,
         } in &evaluation.failures
         {
-            eprint_line(format_args!("error: {model}, image {image}: {reason}"));
+            // One mistake that hits every image is not said once for each of them.
+            if let Some(sentence) = told.add(image, reason) {
+                eprint_line(format_args!("error: {model}, image {sentence}"));
+            }
+        }
+        for sentence in told.repeated() {
+            eprint_line(format_args!("error: {name}: {sentence}"));
         }
         match evaluation.gave_up {
             None => {}

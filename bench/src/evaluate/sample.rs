@@ -58,7 +58,7 @@ pub enum SampleError {
     /// The model failed on this image.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// There is no usable saved prediction for this image.
+    /// There is not a usable saved prediction for this image.
     #[error(transparent)]
     Saved(#[from] SavedError),
     /// Ground truth that is none.

@@ -6,8 +6,10 @@
 use std::path::Path;
 
 use strat_metrics::{
-    Alignment, FurtherMetric, Metric, Row, Suffix, leaderboard, rows,
-    tables::{self, Coverage, Source, Table, TableError, ThesisTable},
+    Alignment, FurtherMetric, Metric, Row, Suffix, leaderboard,
+    published::PublishedRow,
+    rows,
+    tables::{self, Coverage, Shown, Source, Table, TableError, ThesisTable},
 };
 use strat_store::{files, yaml};
 
@@ -51,8 +53,34 @@ impl Outcome {
     }
 }
 
-/// Writes all that follows from the rows of a whole run, leaderboard and tables, and returns it as
-/// text.
+/// How tables are shown; CSV always has all rows.
+#[derive(Clone, Debug, Default)]
+pub struct Look {
+    /// Which rows.
+    pub shown: Shown,
+    /// Published numbers of the user's own.
+    pub published: Vec<PublishedRow>,
+}
+
+/// Tables, and what was measured that none of them shows.
+#[derive(Debug)]
+pub struct Tables {
+    /// The tables.
+    pub tables: Vec<Table>,
+    /// See [`beside_tables`].
+    pub beside: String,
+}
+
+impl Tables {
+    /// All of it in the words of `form`.
+    pub fn joined(&self, form: impl Fn(&Table) -> String) -> String {
+        let mut texts: Vec<String> = self.tables.iter().map(form).collect();
+        texts.extend(Some(self.beside.clone()).filter(|text| !text.is_empty()));
+        texts.join("\n")
+    }
+}
+
+/// Writes all that follows from the rows of a whole run, leaderboard and tables, and returns the tables.
 ///
 /// # Errors
 /// The rows do not fit together, or a file cannot be written.
@@ -60,15 +88,18 @@ pub fn derived(
     outcome: &Outcome,
     out: &Path,
     wanted: &[ThesisTable],
-) -> Result<String, WriteError> {
+    look: &Look,
+) -> Result<Tables, WriteError> {
     ownership::remove_tables(out)?;
     let (coverage, rows) = (coverage(outcome), &outcome.rows);
     let entries = write_leaderboard(out, rows, coverage.expected_images)?;
-    let written = write_tables(out, wanted, rows, &coverage)?;
-    Ok(joined(&entries, &written, wanted))
+    Ok(Tables {
+        tables: write_tables(out, wanted, rows, &coverage, look)?,
+        beside: beside_tables(&entries, wanted),
+    })
 }
 
-/// What [`derived`] returns, without a file.
+/// What [`derived`] returns as text, without a file.
 ///
 /// # Errors
 /// The rows do not fit together.
@@ -76,8 +107,11 @@ pub fn text(outcome: &Outcome, wanted: &[ThesisTable]) -> Result<String, WriteEr
     let (coverage, rows) = (coverage(outcome), &outcome.rows);
     let entries = leaderboard_of(rows, coverage.expected_images)?;
     let tables = tables_of(wanted, rows, &coverage)?;
-    let tables: Vec<Table> = tables.into_iter().map(|(_, table)| table).collect();
-    Ok(joined(&entries, &tables, wanted))
+    let tables = Tables {
+        tables: tables.into_iter().map(|(_, table)| table).collect(),
+        beside: beside_tables(&entries, wanted),
+    };
+    Ok(tables.joined(Table::text))
 }
 
 /// What the rows of a run are part of.
@@ -90,13 +124,7 @@ pub fn coverage(outcome: &Outcome) -> Coverage {
     }
 }
 
-fn joined(entries: &[leaderboard::Entry], tables: &[Table], wanted: &[ThesisTable]) -> String {
-    let mut texts: Vec<String> = tables.iter().map(Table::text).collect();
-    texts.extend(Some(beside_tables(entries, wanted)).filter(|text| !text.is_empty()));
-    texts.join("\n")
-}
-
-/// Writes the tables in four formats and returns them for printing.
+/// Writes the tables in four formats, with the references of the LaTeX one, and returns them for printing.
 ///
 /// # Errors
 /// The rows do not fit together, or a file cannot be written.
@@ -105,20 +133,27 @@ pub fn write_tables(
     tables: &[ThesisTable],
     rows: &[Row],
     coverage: &Coverage,
+    look: &Look,
 ) -> Result<Vec<Table>, WriteError> {
     let mut written = Vec::new();
     for (stem, table) in tables_of(tables, rows, coverage)? {
+        let all = table.with_published(&look.published);
+        let table = all.clone().only(&look.shown);
         for (extension, text) in [
             ("txt", table.text()),
             ("md", table.markdown()),
             ("tex", table.latex()),
-            ("csv", table.csv()?),
+            ("csv", all.csv()?),
         ] {
             let path = out.join(format!("{stem}.{extension}"));
             files::write_atomic(&path, text.as_bytes())?;
         }
         written.push(table);
     }
+    files::write_atomic(
+        &out.join("table_references.bib"),
+        tables::REFERENCES.as_bytes(),
+    )?;
     Ok(written)
 }
 

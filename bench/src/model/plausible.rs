@@ -224,7 +224,7 @@ impl InputDescription {
             && (top >= bottom || left >= right)
         {
             return Err(format!(
-                "`crop` is rows {top} to {bottom} and columns {left} to {right}, which is no box"
+                "`crop` is rows {top} to {bottom} and columns {left} to {right}, which is not a box"
             ));
         }
         Ok(())

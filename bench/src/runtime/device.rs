@@ -82,7 +82,7 @@ impl fmt::Display for Device {
 /// A text that names no device.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "\"{0}\" is no device; known are cpu, cuda, tensorrt, coreml and directml, and a number \
+    "unknown device \"{0}\"; known are cpu, cuda, tensorrt, coreml and directml, and a number \
      chooses among several: cuda:1"
 )]
 pub struct ParseDeviceError(String);

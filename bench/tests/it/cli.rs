@@ -427,7 +427,11 @@ fn wrong_requests_end_with_code_2() {
     kitti.bench("3.3", "out", &more).code(2).says("eigen");
     kitti.bench("3.2", "out", &more).code(2).says("--semantics");
     kitti
-        .bench("3.1", "out", &["--protocol", "nonsense"])
+        .bench(
+            "3.1",
+            "out",
+            &["--median-baseline", "--protocol", "nonsense"],
+        )
         .code(2)
         .says("bench protocols");
     kitti.bench("9.9", "out", &more).code(2).says("3.1");
@@ -436,6 +440,10 @@ fn wrong_requests_end_with_code_2() {
         .bench("3.1", "out", &twice)
         .code(2)
         .says("two models are called");
+    kitti
+        .bench("3.1", "out", &[])
+        .code(2)
+        .says("nothing to measure");
     let bare = run(&mut Command::cargo_bin("bench").unwrap());
     assert_eq!(bare.code, 2);
 }
@@ -445,12 +453,12 @@ fn a_missing_or_unfinished_set_is_named() {
     let world = World::new(Split::Kitti, 1, false);
     fs::remove_file(world.path("set/manifest.yaml")).unwrap();
     world
-        .bench("3.1", "out", &[])
+        .bench("3.1", "out", &["--median-baseline"])
         .code(2)
         .says("is not a finished prepared set");
     fs::remove_dir_all(world.path("set")).unwrap();
     world
-        .bench("3.1", "out", &[])
+        .bench("3.1", "out", &["--median-baseline"])
         .code(2)
         .says("there is no such folder");
 }
@@ -459,7 +467,10 @@ fn a_missing_or_unfinished_set_is_named() {
 fn an_output_folder_that_cannot_be_is_found_before_the_work() {
     let world = World::new(Split::Kitti, 1, false);
     fs::write(world.path("out"), b"a file").unwrap();
-    world.bench("3.1", "out", &[]).code(2).says("out");
+    world
+        .bench("3.1", "out", &["--median-baseline"])
+        .code(2)
+        .says("out");
 }
 
 #[test]

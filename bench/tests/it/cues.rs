@@ -673,7 +673,7 @@ fn bad_sprites_are_named() {
         .unwrap();
     try_it(1, "flat.png is opaque nowhere");
     fs::write(world.path("sprites/flat.png"), b"no picture").unwrap();
-    try_it(1, "flat.png is no usable PNG");
+    try_it(1, "flat.png is not a usable PNG");
     // 73 px high, this would be 1100 px wide in a picture of 414.
     world.flat_sprites(600);
     try_it(1, "does not fit into a background of 414x125");

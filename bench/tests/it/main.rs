@@ -11,6 +11,7 @@ mod fixtures;
 mod forms;
 mod input_forms;
 mod latency;
+mod latex;
 mod leaderboard;
 mod npy;
 mod ownership;

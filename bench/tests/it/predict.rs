@@ -101,22 +101,32 @@ const CAMERA: [&str; 4] = ["--focal-px", "72", "--baseline-m", "0.5"];
 #[test]
 fn depth_is_what_is_worked_out_by_hand() {
     let world = World::new();
-    let mut more = vec!["--format", "exr,png16,color,npy"];
+    let mut more = vec!["--format", "exr,png16,color,npy,ply"];
     more.extend(CAMERA);
     let ran = world.predict(&world.constant(), &more);
     ran.code(0);
-    assert_eq!(ran.out.lines().count(), 8, "{}", ran.out);
+    assert!(
+        ran.out.starts_with("2 images in ") && ran.out.lines().count() == 1,
+        "{}",
+        ran.out
+    );
     assert_eq!(
         world.written(),
         [
             "a.color.png",
+            "a.colormap.png",
             "a.depth.png",
             "a.exr",
             "a.npy",
+            "a.ply",
+            &format!("camera_info-{WIDTH}x{}.yaml", HEIGHT / 2),
+            &format!("camera_info-{WIDTH}x{HEIGHT}.yaml"),
             "deep/b.color.png",
+            "deep/b.colormap.png",
             "deep/b.depth.png",
             "deep/b.exr",
             "deep/b.npy",
+            "deep/b.ply",
             "predict.yaml",
         ]
     );
@@ -157,6 +167,12 @@ fn depth_is_what_is_worked_out_by_hand() {
         colour.dimensions(),
         (WIDTH, HEIGHT + legend::legend_height(WIDTH))
     );
+    let own_size = image_files::read_rgb(&world.path("out/a.colormap.png")).unwrap();
+    assert_eq!(own_size.dimensions(), (WIDTH, HEIGHT));
+    assert_eq!(own_size.get_pixel(3, 2), colour.get_pixel(3, 2));
+    let cloud = fs::read(world.path("out/a.ply")).unwrap();
+    let vertices = format!("element vertex {}\n", WIDTH * HEIGHT);
+    assert!(String::from_utf8_lossy(&cloud).contains(&vertices));
     let record = fs::read_to_string(world.path("out/predict.yaml")).unwrap();
     for line in [
         "focal_px: 72",
@@ -173,12 +189,25 @@ fn without_a_camera_there_is_disparity_only() {
     let world = World::new();
     let model = world.constant();
     world
-        .predict(&model, &[])
+        .predict(&model, &["--format", "exr"])
         .code(2)
+        .says("`--format exr`: depth-m cannot be derived")
         .says("--focal-px and --baseline-m");
+    world
+        .predict(&model, &["--format", "ply", "--baseline-m", "0.5"])
+        .code(2)
+        .says("--focal-px");
     assert_eq!(world.written(), Vec::<String>::new());
     world
-        .predict(&model, &["--format", "npy,png16,color"])
+        .predict(&model, &[])
+        .code(0)
+        .says("with both, --format exr, png16 and ply hold metres");
+    assert_eq!(
+        world.written()[..3],
+        ["a.color.png", "a.colormap.png", "a.npy"]
+    );
+    world
+        .predict(&model, &["--format", "npy,png16,color", "--force"])
         .code(0)
         .says("there is no depth, only disparity");
     let (_, values) = npy::read(&world.path("out/a.npy"));
@@ -187,7 +216,7 @@ fn without_a_camera_there_is_disparity_only() {
     // 4.96 * 256 = 1269.76
     assert!(values.iter().all(|&value| value == 1270));
     for (more, sentence) in [
-        (&["--focal-px", "72"][..], "--baseline-m"),
+        (&["--baseline-m", "72"][..], "--focal-px"),
         (
             &["--format", "npy", "--focal-px", "0", "--baseline-m", "1"],
             "above 0",
@@ -279,6 +308,41 @@ fn a_bad_image_costs_itself_only() {
         .predict(&world.constant(), &["--format", "npy", &missing])
         .code(1)
         .says("nothing.png");
+}
+
+/// 10 times 7.258 m in a unit of millimetres; and what is done is left alone.
+#[test]
+fn millimetres_and_images_that_are_done() {
+    let world = World::new();
+    world.put("photos/other.webp", b"");
+    let mut more = vec![
+        "--format",
+        "png16",
+        "--png-scale",
+        "1000",
+        "--skip-existing",
+        "--json",
+    ];
+    more.extend(CAMERA);
+    let ran = world.predict(&world.constant(), &more);
+    ran.code(0)
+        .says("1 picture skipped, because only PNG and JPEG are read: other.webp");
+    assert!(
+        ran.out.contains("\"images\": 2") && ran.out.contains("a.depth.png"),
+        "{}",
+        ran.out
+    );
+    let (_, _, values) = image_files::read_gray16(&world.path("out/a.depth.png")).unwrap();
+    assert!(values.iter().all(|&value| value == 7258), "{}", values[0]);
+    fs::remove_file(world.path("out/deep/b.depth.png")).unwrap();
+    let changed = |name: &str| world.path(name).metadata().unwrap().modified().unwrap();
+    let before = changed("out/a.depth.png");
+    world
+        .predict(&world.constant(), &more)
+        .code(0)
+        .says("1 of 2 images were done before and are left alone");
+    assert_eq!(changed("out/a.depth.png"), before);
+    assert!(world.path("out/deep/b.depth.png").is_file());
 }
 
 #[test]

@@ -282,8 +282,8 @@ fn predictions_that_cannot_be_used_are_sentences() {
         ("nan.npy", "is not a number at row 0, column 0"),
         ("odd.npy", "odd.yaml"),
         ("scale.npy", "`scale` must be a positive number"),
-        ("text.npy", "it is no NumPy array"),
-        ("cut.npz", "it is no usable .npz"),
+        ("text.npy", "it is not a NumPy array"),
+        ("cut.npz", "it is not a usable .npz"),
         ("short.npy", "incomplete or damaged"),
         ("nothing.npy", "cannot read"),
     ] {

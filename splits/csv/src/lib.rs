@@ -146,7 +146,7 @@ impl<R: Read> Reader<R> {
     /// The names of the columns.
     ///
     /// # Errors
-    /// The reader fails, or it is no text.
+    /// The reader fails, or it is not text.
     pub fn headers(&mut self) -> Result<&StringRecord> {
         self.0.headers()
     }

@@ -171,6 +171,29 @@ fn examples_in_the_help_are_accepted() {
     );
 }
 
+#[test]
+fn every_subcommand_has_two_examples_of_its_own() {
+    for name in ["prep", "train", "bench"] {
+        let (_, parser) = program(name).expect("a program");
+        for one in parser.get_subcommands().filter(|one| !one.is_hide_set()) {
+            let help = one
+                .get_after_help()
+                .map(ToString::to_string)
+                .unwrap_or_default();
+            let begins = format!("  {name} ");
+            let count = help
+                .lines()
+                .filter(|line| line.starts_with(&begins))
+                .count();
+            assert!(
+                count >= 2,
+                "{name} {} --help has {count} examples",
+                one.get_name()
+            );
+        }
+    }
+}
+
 /// A word with its path, if it has one, moved to where the test keeps it.
 fn moved(word: &str, folder: &Path) -> OsString {
     let (name, path) = word

@@ -15,6 +15,10 @@ const USUAL: &str = "kitti-strat";
 
 /// Which device.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  train check --device cuda
+  train check --device wgpu --config kitti-strat --full        one pair at the configured size")]
 pub(super) struct CheckArgs {
     #[command(flatten)]
     setup: Setup,

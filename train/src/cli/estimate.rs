@@ -11,6 +11,10 @@ use crate::training::memory::{self, Measured, Need};
 
 /// What to measure.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  train estimate --config kitti-strat
+  train estimate --config kitti-strat --measure 1,4 --json")]
 pub(super) struct EstimateArgs {
     #[command(flatten)]
     setup: Setup,

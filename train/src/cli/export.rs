@@ -10,13 +10,17 @@ use crate::training::model;
 
 /// Which run, and what to write.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  train export runs/strat --best -o strat.onnx
+  train export runs/strat -o start.safetensors       weights for --set initial_weights=FILE")]
 pub(super) struct ExportArgs {
     /// Run folder.
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// File to write [default: model.onnx in the run folder]. One that ends in .safetensors gets the
     /// weights of all networks instead, for `initial_weights` or another program.
-    #[arg(long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Export the best checkpoint by validation instead of the newest.
     #[arg(long)]

@@ -11,8 +11,9 @@ mod train;
 
 use std::ffi::OsString;
 
-use clap::{Parser, Subcommand};
+use clap::{FromArgMatches as _, Parser, Subcommand};
 use strat_store::command::{CliError, DONE, USAGE, fail, print_line, utf8_arguments};
+use strat_store::shell::{self, ColourArg, CompletionsArgs, take_colour};
 
 use self::check::CheckArgs;
 use self::estimate::EstimateArgs;
@@ -45,6 +46,8 @@ struct Cli {
     command: Option<Command>,
     #[command(flatten)]
     train: TrainArgs,
+    #[command(flatten)]
+    colour: ColourArg,
 }
 
 #[derive(Debug, Subcommand)]
@@ -61,9 +64,23 @@ enum Command {
     #[command(hide = true)]
     Measure(EstimateArgs),
     /// Lists the devices that --device can name.
+    #[command(after_help = "\
+Examples:
+  train devices
+  train --config kitti-strat --data prepared/kitti -o runs/strat --device cpu")]
     Devices,
     /// Lists the built-in configurations.
+    #[command(after_help = "\
+Examples:
+  train configs
+  train --config kitti-strat --print-config       all settings, to be saved and changed")]
     Configs,
+    /// Prints completions for a shell, or writes manual pages.
+    #[command(after_help = "\
+Examples:
+  train completions bash                 for ~/.local/share/bash-completion/completions/train
+  train completions --man man/man1       train.1 and a page for each subcommand")]
+    Completions(CompletionsArgs),
 }
 
 /// The parser of the command line, for tests of what guides tell users to type.
@@ -77,7 +94,9 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
         Ok(args) => args,
         Err(error) => return fail(&error),
     };
-    let cli = match Cli::try_parse_from(args) {
+    let (args, colour) = take_colour(args);
+    let parsed = command().color(colour).try_get_matches_from(args);
+    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
             // Help and version are no errors and go to stdout; clap knows which is which.
@@ -95,6 +114,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Measure(args)) => done(estimate::measure(&args)),
         Some(Command::Devices) => done(devices()),
         Some(Command::Configs) => done(configs()),
+        Some(Command::Completions(args)) => shell::completions(&args, command()),
     };
     ended.unwrap_or_else(|error| fail(&error))
 }

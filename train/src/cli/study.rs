@@ -32,7 +32,7 @@ pub(super) struct StudyArgs {
     #[arg(value_name = "FILE|NAME")]
     study: Option<String>,
     /// Folder of the study; its runs lie in runs/VARIANT@SEED.
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Prepared set, in place of those in the study; given several times, each set gets all runs.
     #[arg(long, value_name = "DIR")]
@@ -61,7 +61,7 @@ pub(super) struct StudyArgs {
     #[arg(long)]
     ignore_memory: bool,
     /// Show no progress.
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
 }
 

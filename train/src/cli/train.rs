@@ -22,7 +22,7 @@ pub(super) struct TrainArgs {
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// Run folder to write.
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Continue the run in --out; its configuration is used unless --config is given.
     #[arg(long, conflicts_with = "force")]
@@ -40,7 +40,7 @@ pub(super) struct TrainArgs {
     #[arg(long, value_name = "N")]
     max_steps: Option<u64>,
     /// Show no progress.
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
     /// Show the resolved configuration and stop.
     #[arg(long)]
@@ -159,6 +159,22 @@ fn conclude(outcome: &Outcome, options: &Options) -> Result<u8, CliError> {
             "check passed: ONNX and trained network agree to {parity:.1e} of the image width"
         ));
         print_line(model.display())?;
+        let epochs = options.config.epochs;
+        let better = outcome.best.as_ref().filter(|best| best.epoch != epochs);
+        let better = better.map_or(String::new(), |best| {
+            format!(
+                " (the best by validation was epoch {}: train export {} --best)",
+                best.epoch,
+                options.out.display()
+            )
+        });
+        if !outcome.interrupted {
+            say(format!(
+                "it is that of epoch {epochs}{better}; next: bench eval --table all --data {} -m {} -o results",
+                options.data.display(),
+                model.display()
+            ));
+        }
     }
     if outcome.interrupted {
         eprint_line(format_args!(

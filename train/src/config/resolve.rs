@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use strat_store::{human, yaml};
+
 use super::presets::{BUILT_IN, Preset, no_such_config};
 use super::settings::{Config, WeightSettings};
 use crate::error::{Error, Result};
@@ -25,7 +27,7 @@ impl Config {
         if !path.exists() {
             return Err(Error::Config(no_such_config(source)));
         }
-        Ok(strat_store::yaml::load(path)?)
+        Ok(yaml::load(path)?)
     }
 
     /// Puts all layers together and checks the result.
@@ -80,8 +82,10 @@ impl Config {
         }
         drop(known);
         *place = value;
-        serde_yaml::from_value(tree)
-            .map_err(|error| Error::Config(format!("setting `{setting}`: {error}")))
+        serde_yaml::from_value(tree).map_err(|error| {
+            let problem = yaml::plain(&error.to_string());
+            Error::Config(format!("setting `{setting}`: {problem}"))
+        })
     }
 
     /// Writes out the values that depend on others.
@@ -118,14 +122,6 @@ fn unknown_key(key: &str, part: &str, known: &[String]) -> String {
 
 /// ` (did you mean `X`?)` with the known word that is nearest to what was written; empty where none is near.
 pub(crate) fn nearest<'a>(written: &str, known: impl IntoIterator<Item = &'a str>) -> String {
-    let rated = known
-        .into_iter()
-        .map(|word| (strsim::damerau_levenshtein(written, word), word));
-    let best = rated.min_by_key(|(distance, _)| *distance);
-    match best {
-        Some((distance, word)) if 3 * distance <= written.len().max(3) => {
-            format!(" (did you mean `{word}`?)")
-        }
-        _ => String::new(),
-    }
+    human::closest(written, known)
+        .map_or(String::new(), |word| format!(" (did you mean `{word}`?)"))
 }

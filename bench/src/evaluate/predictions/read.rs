@@ -391,7 +391,7 @@ fn array(path: &Path, file: File, member: Option<&str>) -> Result<npy::Planes, S
     if path.extension().is_none_or(|ending| ending != "npz") {
         return npy::Planes::new(file).map_err(wrong);
     }
-    let damaged = |error: zip::result::ZipError| wrong(format!("it is no usable .npz: {error}"));
+    let damaged = |error: zip::result::ZipError| wrong(format!("it is not a usable .npz: {error}"));
     let mut archive = guarded("the zip reader", || zip::ZipArchive::new(file))
         .map_err(wrong)?
         .map_err(damaged)?;
