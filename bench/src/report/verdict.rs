@@ -24,7 +24,7 @@ impl Page {
             return html! {};
         };
         let options = TestOptions::default();
-        let tests = compare::pairs(rows, Some(protocol), None, None, &options);
+        let tests = compare::pairs(rows, Some(protocol), None, None, false, &options);
         let Some(tests) = self.or_problem(tests) else {
             return html! {};
         };

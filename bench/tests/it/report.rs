@@ -78,8 +78,9 @@ fn figures_of_the_page_are_those_of_the_rows() {
         let line = format!("<strong>best</strong> <code>{}</code>", best.image);
         assert!(page.contains(&line), "no {line}");
     }
-    // Both models stand in one table, beside the published rows.
-    assert_eq!(page.matches("<table class=\"sortable\">").count(), 4);
+    // Both models stand in one table, beside the published rows; their differences in another.
+    assert_eq!(page.matches("<table class=\"sortable\">").count(), 5);
+    assert!(page.contains("Which is better, by how much, how sure"));
     assert!(page.contains("Ours - StrAT") && page.contains("published"));
     assert!(page.contains("&lt;i&gt;second&lt;/i&gt;") && !page.contains("<i>second"));
 }
@@ -158,8 +159,12 @@ fn pictures_are_captioned_with_the_protocol_they_were_scored_under() {
     assert_eq!(page.matches("src=\"data:image/jpeg;base64,").count(), 4);
     for row in world.rows("all/a") {
         let caption = format!(
-            "<code>{}</code>: Abs Rel {:.3}, RMSE {:.3} m under {}",
-            row.image, row.score.metrics.abs_rel, row.score.metrics.rmse, row.context.protocol
+            "<code>{}</code>: Abs Rel {:.3}, RMSE {:.3} m, δ&lt;1.25 {:.3} under {}",
+            row.image,
+            row.score.metrics.abs_rel,
+            row.score.metrics.rmse,
+            row.score.metrics.a1,
+            row.context.protocol
         );
         assert!(page.contains(&caption), "no {caption}");
     }
@@ -261,16 +266,16 @@ fn a_browser_opens_and_sorts_it() {
     report(&all, &[]).code(0);
     // After the page's own script: click, and leave what is seen in the document.
     let test = "<script>
-        const table = document.querySelector('table.sortable');
+        const table = document.querySelector('[aria-label^=\"Table\"] table');
         const seen = (column) => {
             table.tHead.rows[0].cells[column].querySelector('button').click();
             const lines = [...table.tBodies[0].rows];
-            return lines.map((line) => line.cells[4].dataset.v).join(' ');
+            return lines.map((line) => line.cells[1].dataset.v).join(' ');
         };
         const told = document.createElement('output');
         told.id = 'told';
-        const up = seen(4), down = seen(4);
-        told.textContent = [up, down, table.tHead.rows[0].cells[4].ariaSort,
+        const up = seen(1), down = seen(1);
+        told.textContent = [up, down, table.tHead.rows[0].cells[1].ariaSort,
             seen(0) !== down, document.documentElement.scrollWidth <= window.innerWidth].join('|');
         document.body.append(told);
         </script></body>";

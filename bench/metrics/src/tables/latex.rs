@@ -193,7 +193,9 @@ fn name(line: &Line) -> String {
     let cite = line
         .cite
         .map_or(String::new(), |key| format!("~\\cite{{{key}}}"));
-    format!("{}{mark}{cite}", latex(name_of(line)))
+    // A long name of a file may go on in the next line.
+    let name = latex(name_of(line)).replace("\\_", "\\_\\allowbreak{}");
+    format!("{name}{mark}{cite}")
 }
 
 fn number(cell: &Cell) -> String {

@@ -183,11 +183,11 @@ fn table_3_1_as_latex() {
     Method & \shortstack[r]{Abs Rel\\$\downarrow$} & \shortstack[r]{Sq Rel\\m $\downarrow$} & \shortstack[r]{RMSE\\m $\downarrow$} & \shortstack[r]{RMSE\\log\\$\downarrow$} & \shortstack[r]{$\delta$$<$1.25\\$\uparrow$} & \shortstack[r]{$\delta$$<$1.25$^2$\\$\uparrow$} & \shortstack[r]{$\delta$$<$1.25$^3$\\$\uparrow$} \\
     \midrule
     StrAT (bottleneck) & 0.118 & 1.175 & 5.875 & 0.235 & 0.882 & 0.941 & 0.971 \\
-    Median\_depth \& 5 \% \textbar{} {[}a{]}(b) & 0.367 & 3.675 & 18.375 & 0.735 & 0.632 & 0.816 & 0.908 \\
+    Median\_\allowbreak{}depth \& 5 \% \textbar{} {[}a{]}(b) & 0.367 & 3.675 & 18.375 & 0.735 & 0.632 & 0.816 & 0.908 \\
     \addlinespace
     Yang et al.$^{*}$~\cite{yang2018} & 0.172 & 1.559 & 6.794 & 0.252 & 0.744 & 0.910 & 0.969 \\
     Godard et al.~\cite{godard2017} & 0.124 & 1.388 & 6.125 & 0.217 & 0.841 & 0.936 & 0.975 \\
-    Ours - No L\_adv~\cite{mehta2018} & 0.118 & 1.124 & 5.916 & 0.211 & 0.835 & 0.936 & 0.975 \\
+    Ours - No L\_\allowbreak{}adv~\cite{mehta2018} & 0.118 & 1.124 & 5.916 & 0.211 & 0.835 & 0.936 & 0.975 \\
     Ours - Fixed Baseline~\cite{mehta2018} & 0.115 & 1.154 & 5.766 & 0.205 & 0.846 & 0.944 & 0.979 \\
     Ours - Random Baseline~\cite{mehta2018} & \second{0.112} & \second{1.089} & \second{5.636} & \second{0.201} & \second{0.850} & \second{0.946} & \second{0.980} \\
     Ours - StrAT~\cite{mehta2018} & \best{0.108} & \best{1.019} & \best{5.551} & \best{0.195} & \best{0.856} & \best{0.950} & \best{0.981} \\
@@ -199,11 +199,11 @@ fn table_3_1_as_latex() {
     Method & \shortstack[r]{D1-all\\\% $\downarrow$} \\
     \midrule
     StrAT (bottleneck) & 10.000 \\
-    Median\_depth \& 5 \% \textbar{} {[}a{]}(b) & 35.000 \\
+    Median\_\allowbreak{}depth \& 5 \% \textbar{} {[}a{]}(b) & 35.000 \\
     \addlinespace
     Yang et al.$^{*}$~\cite{yang2018} & - \\
     Godard et al.~\cite{godard2017} & - \\
-    Ours - No L\_adv~\cite{mehta2018} & - \\
+    Ours - No L\_\allowbreak{}adv~\cite{mehta2018} & - \\
     Ours - Fixed Baseline~\cite{mehta2018} & - \\
     Ours - Random Baseline~\cite{mehta2018} & - \\
     Ours - StrAT~\cite{mehta2018} & - \\
