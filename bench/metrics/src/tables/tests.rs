@@ -55,7 +55,14 @@ fn seeds_of_one_method_share_a_line() {
     let table = build(ThesisTable::Table33, &rows, &coverage(1)).unwrap();
     let text = table.text();
     assert!(text.contains("Ours (3 seeds)"), "{text}");
-    assert!(text.contains("[0.102 ± 0.002]"), "{text}");
+    assert!(
+        text.contains("[0.102]") && text.contains("±0.002"),
+        "{text}"
+    );
+    assert!(
+        text.contains("± of seeds: their standard deviation"),
+        "{text}"
+    );
     assert!(text.contains("over the seeds 1, 2, 3."), "{text}");
     assert!(
         text.contains("\n Alone@1") || text.contains("\nAlone@1"),
