@@ -1,6 +1,7 @@
 //! The sizes of a convolution.
 
-use super::pieces::{Images, Source};
+use super::images::Images;
+use super::pieces::Source;
 use super::windows::Layout;
 
 /// A convolution of a batch. Images are channels, height and width.

@@ -4,6 +4,7 @@
 //! On other backends, and for other element types, burn's own operations take their place.
 
 mod geometry;
+mod images;
 mod passes;
 mod phases;
 mod pieces;
@@ -26,8 +27,8 @@ use super::cpu::{
     Cpu, Tracked, cpu_tensor, dims, from_plain, from_tracked, is_f32, plain, sum, tracked, values,
 };
 use geometry::Geometry;
+use images::Images;
 use passes::Finish;
-use pieces::Images;
 
 /// Which convolution, and what follows it.
 #[derive(Clone, Copy, Debug)]

@@ -12,8 +12,9 @@ use rten_simd::{Isa, SimdOp};
 use super::super::activation::Activation;
 use super::super::product::{Dense, multiply};
 use super::geometry::Geometry;
+use super::images::{Images, planes};
 use super::phases::{Phase, arrange, interleave, pairs};
-use super::pieces::{Images, Piece, Source, each_chunk, each_sample, pieces, planes, with_kept};
+use super::pieces::{Piece, Source, each_chunk, each_sample, pieces, with_kept};
 use super::windows::Layout;
 
 /// What becomes of the sums of a pass.

@@ -4,7 +4,8 @@ use rayon::prelude::*;
 
 use super::super::product::multiply;
 use super::geometry::Geometry;
-use super::pieces::{FEWEST_CHANNELS, FEWEST_POSITIONS, Images, MOST_POSITIONS, PIECES, with_kept};
+use super::images::Images;
+use super::pieces::{FEWEST_CHANNELS, FEWEST_POSITIONS, MOST_POSITIONS, PIECES, with_kept};
 use super::windows::{Rows, Turned, Windows};
 
 /// Most elements of all partial sums.

@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use super::super::product::{InPlace, Left, Right};
-use super::pieces::Images;
+use super::images::Images;
 
 /// Rows of an image that one piece of work looks at: of one sample, or all of several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
