@@ -311,7 +311,7 @@ fn every_room_has_its_line() {
         }
         tables += 1;
     }
-    assert_eq!(tables, 5, "prep, train, bench and metrics");
+    assert_eq!(tables, 5, "prep, train, bench, leaderboard and metrics");
 }
 
 #[test]
