@@ -84,9 +84,6 @@ mod tests {
         assert_eq!(svg.matches("<image").count(), 22);
         assert!(svg.contains("from b = 1: mean 0.0"));
         // 18 of 20 columns differ by 255; of the last two, outside of the image, one does.
-        assert!(
-            svg.contains("b = 0.5 and 1: 242.2 grey levels apart"),
-            "{svg}"
-        );
+        assert!(svg.contains("from b = 1: mean 242.2"), "{svg}");
     }
 }

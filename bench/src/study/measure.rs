@@ -209,7 +209,7 @@ impl<'a> OnSet<'a> {
             && needed
                 .into_iter()
                 .all(|protocol| measured(protocol.digest()))
-            && strat_onnx::model::read(&run.model()).is_ok_and(|file| file.blake3 == model.blake3)
+            && strat_onnx::model::read(run.model()).is_ok_and(|file| file.blake3 == model.blake3)
     }
 
     /// What is known of training drives among the test images, in a sentence over all measured models.

@@ -18,9 +18,9 @@ fn what_was_measured_is_published_checked_and_shown() {
     let world = World::new(Split::Kitti, 12, false);
     for (out, constant) in [("a", 0.04), ("b", 0.045)] {
         let model = write_model(world.folder.path(), out, constant, 0.01, "kitti");
-        world
-            .bench("3.1", out, &["--model", &text(&model), "--median-baseline"])
-            .code(0);
+        let other = write_model(world.folder.path(), "other", 0.05, 0.01, "kitti");
+        let models = ["--model", &text(&model), "--model", &text(&other)];
+        world.bench("3.1", out, &models).code(0);
     }
     let path = |name: &str| text(&world.path(name));
     let (board, site) = (path("board"), path("site"));

@@ -314,7 +314,7 @@ fn what_cannot_be_known_is_said() {
     assert_eq!(study.parts[0].differences[0].certainty, Err(Unknown::Seeds));
     assert_eq!(study.parts[0].differences[0].verdict(), Verdict::Open);
     let mut drives = [rows("a", 2, 0.0), rows("b", 3, -0.4)].concat();
-    drives.retain(|row| row.image < "2011_09_26_drive_0002".to_owned());
+    drives.retain(|row| row.image.as_str() < "2011_09_26_drive_0002");
     let unknown = Unknown::Drives(NoInterval::TooFew);
     assert_eq!(
         studied(&drives).parts[0].differences[0].certainty,
