@@ -12,7 +12,7 @@
 //!
 //! Models called `NAME@SEED` are seeds of one method: from two of them on, tables 3.1 and 3.3
 //! give them one line with mean and sample standard deviation over the seeds' figures. Table 3.2
-//! keeps a column for each. The notes have the interval of each seed. [`ablation`] has the variants
+//! keeps a column for each. The notes have the interval of each seed. [`mod@ablation`] has the variants
 //! of a study alone.
 //!
 //! `table` holds the cells, `methods`, `groups` and `ablation` fill them, `notes` writes the sentences around
