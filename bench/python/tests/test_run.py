@@ -52,10 +52,12 @@ def agrees(data, folder, protocols, meaning, convert=lambda fraction: fraction, 
     more = [word for name in protocols for word in ("--protocol", name)]
     more += ["--metrics"] if metrics else []
     line = ["bench", "--table", "all", "--data", data, "--predictions", f"mine@7={folder / 'maps'}", *more]
-    printed = command(*line, "--out", folder / "theirs", "--quiet", code=int(incomplete))
+    command(*line, "--out", folder / "theirs", "--quiet", code=int(incomplete))
     same_files(folder / "ours", folder / "theirs")
     assert doubts(folder / "ours") == doubts(folder / "theirs")
-    assert printed.stdout == run.table()
+    # A terminal shows what fits its width; the files have all of it.
+    tables = [file.read_text() for file in sorted((folder / "theirs").glob("table_*.txt"))]
+    assert tables and all(table in run.table() for table in tables)
     return run
 
 
