@@ -22,7 +22,7 @@ use crate::{
         summary::Summary,
     },
     evaluate::{NamedFile, ownership},
-    model::{Model, ModelError, vet::vet},
+    model::{Model, ModelError, leakage::Tested, vet::vet},
     notes::Notes,
     runtime::Device,
 };
@@ -257,7 +257,10 @@ fn ask(
 ) -> anyhow::Result<Answers> {
     let mut model = model?;
     let samples = cue_run.set.samples(Role::Test)?;
-    let vetting = vet(&mut model, Some((cue_run.set.manifest.content, &samples)))?;
+    let vetting = vet(
+        &mut model,
+        Some(Tested::new(&cue_run.set.manifest, &samples)),
+    )?;
     vetting.notes.iter().for_each(|note| notes.note(note));
     let warnings = vetting.warnings;
     warnings

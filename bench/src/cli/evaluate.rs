@@ -13,7 +13,7 @@ use super::args::{ReplaceArgs, RuntimeArgs, ShowArgs, ThreadArgs, named_files};
 use crate::{
     draw::comparison,
     evaluate::{
-        median,
+        NamedFile, median,
         plan::TableChoice,
         record::{FAILURES, Outcome},
         request::{Request, RunError},
@@ -31,6 +31,8 @@ Examples:
       two models side by side on an NVIDIA device
   bench eval --table all --data kitti_set -m model.onnx --median-baseline --pictures 8 -o results
       all tables the set offers, a constant baseline, and pictures
+  bench eval --table 3.1 --data kitti_set -m model.onnx --median-baseline-from rendered=world_set -o results
+      a model that was trained on another set, beside the constant map of that set
   bench eval --table 3.3 --data eigen_set --predictions godard=disparities.npy -o results
       predictions that another program has saved, without a model
   bench eval --table 3.3 --data eigen_set -m model.onnx -o results --shard 0/8
@@ -72,6 +74,10 @@ pub(super) struct EvaluateArgs {
     /// Add a measured row: the median depth of the training scans at each place in the picture
     #[arg(long)]
     median_baseline: bool,
+    /// Add the same row of the training scans of another prepared set, which shows what a model trained
+    /// there has learnt beyond the mean of its places; may be given several times
+    #[arg(long = "median-baseline-from", value_name = "[NAME=]DIR")]
+    medians_of: Vec<String>,
     /// Also write predictions.npy (disparity fractions at network size), with the ids of the
     /// images and the description that --predictions needs beside it
     #[arg(long, conflicts_with = "shard")]
@@ -107,7 +113,8 @@ impl From<RunError> for CliError {
 }
 
 pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result<u8> {
-    if args.models.is_empty() && args.predictions.is_empty() && !args.median_baseline {
+    let constants = args.median_baseline || !args.medians_of.is_empty();
+    if args.models.is_empty() && args.predictions.is_empty() && !constants {
         return Err(CliError::Usage(
             "nothing to measure: give --model FILE.onnx, --predictions PATH or --median-baseline"
                 .to_owned(),
@@ -116,10 +123,11 @@ pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result
     }
     // What cannot be shown is said before anything is measured.
     args.show.look()?;
-    let constant = args.median_baseline.then_some(median::NAME);
-    let models = named_files("model", &args.models, constant.as_slice())?;
-    let mut taken: Vec<&str> = models.iter().map(|given| given.name.as_str()).collect();
-    taken.extend(constant);
+    let medians_of = medians_of(args)?;
+    let mut taken: Vec<&str> = medians_of.iter().map(|given| given.name.as_str()).collect();
+    taken.extend(args.median_baseline.then_some(median::NAME));
+    let models = named_files("model", &args.models, &taken)?;
+    taken.extend(models.iter().map(|given| given.name.as_str()));
     let predictions = named_files("predictions", &args.predictions, &taken)?;
     let pool = args.threads.pool()?;
     let quiet = args.runtime.quiet;
@@ -129,8 +137,10 @@ pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result
         protocols: &args.protocols,
         models: &models,
         predictions: &predictions,
+        training_source: None,
         further: args.metrics,
         median_baseline: args.median_baseline,
+        medians_of: &medians_of,
         out: &args.out,
         shard: args.shard,
         force: args.replace.force,
@@ -162,6 +172,23 @@ pub(super) fn run(args: &EvaluateArgs, arguments: Vec<String>) -> anyhow::Result
     finished.remove_journals()?;
     print(tables)?;
     Ok(code)
+}
+
+/// The sets whose constant maps are asked for, by the names of their rows.
+fn medians_of(args: &EvaluateArgs) -> Result<Vec<NamedFile>, CliError> {
+    const OPTION: &str = "median-baseline-from";
+    let mut given = named_files(OPTION, &args.medians_of, &[])?;
+    for set in &mut given {
+        set.name = median::name_of(&set.name);
+        if args.median_baseline && set.name == median::NAME {
+            return Err(CliError::Usage(format!(
+                "the row of --median-baseline is called \"{}\" already; name the other one with \
+                 `--{OPTION} NAME=DIR`",
+                median::NAME
+            )));
+        }
+    }
+    Ok(given)
 }
 
 /// Writes everything that follows from the rows of a whole run; the tables, to be printed last, and

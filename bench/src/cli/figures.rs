@@ -21,7 +21,7 @@ use crate::{
     },
     figures::{self, Choice, Drawn, FigureError, Figures, ModelRecord},
     matching,
-    model::{Model, vet::vet},
+    model::{Model, leakage::Tested, vet::vet},
     notes::Notes,
     rows::compare,
 };
@@ -205,7 +205,7 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
             let opened = Model::open(name, file, &runtime, args.runtime.device, threads).and_then(
                 |mut model| {
                     Ok((
-                        vet(&mut model, Some((set.manifest.content, &samples)))?,
+                        vet(&mut model, Some(Tested::new(&set.manifest, &samples)))?,
                         model,
                     ))
                 },

@@ -2,8 +2,8 @@
 //! training scans have there, whatever the picture shows.
 //!
 //! A network that does not beat this has learnt nothing from its input. Its row is measured, not
-//! published: the depths come from the training samples of the prepared set and the row is
-//! evaluated under the same protocols on the same images as the models.
+//! published: the depths come from the training samples of the prepared set, or of another one, and
+//! the row is evaluated under the same protocols on the same images as the models.
 
 use rayon::prelude::*;
 use strat_splits::Role;
@@ -18,6 +18,12 @@ use super::sample::{SampleError, checked_bytes};
 
 /// Name of the row in tables.
 pub const NAME: &str = "Median depth (constant)";
+
+/// Name of the row of the training scans of another set, which is called `set`.
+#[must_use]
+pub fn name_of(set: &str) -> String {
+    format!("Median depth ({set})")
+}
 
 /// Cells across; with [`GRID_HEIGHT`], about the shape of a KITTI image.
 pub const GRID_WIDTH: usize = 416;
@@ -108,6 +114,15 @@ impl MedianDepth {
             images: used,
             available: samples.len(),
         })
+    }
+
+    /// A sentence of what the map was made of.
+    #[must_use]
+    pub fn origin(&self) -> String {
+        format!(
+            "per-place median of {} of {} training scans on a grid of {GRID_WIDTH}x{GRID_HEIGHT}",
+            self.images, self.available
+        )
     }
 
     /// Identifies the map in rows, where a model has the digest of its file.

@@ -29,10 +29,14 @@ pub struct Request<'a> {
     pub models: &'a [NamedFile],
     /// Predictions that some program has saved.
     pub predictions: &'a [NamedFile],
+    /// Where the training images of models came from that do not say it themselves: `kitti`, `rendered`, ...
+    pub training_source: Option<&'a str>,
     /// Measure the metrics of PROTOCOL 10.3 too.
     pub further: bool,
     /// Measure the median depth of the training scans, too.
     pub median_baseline: bool,
+    /// Folders of other prepared sets, whose training scans give such a row each.
+    pub medians_of: &'a [NamedFile],
     /// Folder for the results.
     pub out: &'a Path,
     /// Measure one part of the test images only.

@@ -5,11 +5,10 @@
 //! warning or a refusal.
 
 use strat_onnx::metadata::OutputMeaning;
-use strat_store::set::{Content, Sample};
 
 use super::{
     Model, ModelError, PROBE_TOLERANCE, ProbeResult, description_path,
-    leakage::{self, Leakage},
+    leakage::{self, Leakage, Tested},
 };
 
 /// What is known about a model before it is used.
@@ -37,7 +36,7 @@ impl Vetting {
 ///
 /// # Errors
 /// The model does not run, or its probe does not fit it.
-pub fn vet(model: &mut Model, tested: Option<(Content, &[Sample])>) -> Result<Vetting, ModelError> {
+pub fn vet(model: &mut Model, tested: Option<Tested<'_>>) -> Result<Vetting, ModelError> {
     let name = model.name.clone();
     let problems = &model.file.info.description.problems;
     let mut vetting = Vetting {
@@ -60,10 +59,20 @@ pub fn vet(model: &mut Model, tested: Option<(Content, &[Sample])>) -> Result<Ve
             description_path(&model.file.path).display()
         ));
     }
-    if let Some((content, samples)) = tested {
-        let leakage = leakage::check(model.file.info.metadata(), content, samples);
+    if let Some(tested) = tested {
+        let metadata = model.file.info.metadata();
+        let leakage = leakage::check(metadata, &tested);
+        let (samples, content) = (tested.samples, tested.content);
         match &leakage {
-            Leakage::None => {}
+            Leakage::None => {
+                if let Some(trained) = tested.other_world(metadata) {
+                    vetting.notes.push(format!(
+                        "model {name} was trained on {trained} images and is tested on {} ones, which show \
+                         other places even where their drives have the same names",
+                        tested.source
+                    ));
+                }
+            }
             Leakage::Drives { drives, images } => vetting.warnings.push(format!(
                 "LEAKAGE: model {name} was trained on drives that {images} of the {} test images \
                  come from ({}); its figures are no measure of anything new and must not be compared",

@@ -54,16 +54,19 @@ impl StudyRun {
         self.folder.join(MODEL)
     }
 
-    /// Where its training images came from, such as `kitti` or `rendered`, if its record says so.
+    /// Where its training images came from, such as `kitti` or `rendered`, if its record says so; none where
+    /// its weights began with those of another training.
     #[must_use]
     pub fn source(&self) -> Option<String> {
         #[derive(Deserialize)]
         struct Run {
             source: String,
+            #[serde(default)]
+            initial_weights: Option<String>,
         }
         let bytes = inputs::read(&self.folder.join(RUN), Kind::Record).ok()?;
         let run: Run = serde_json::from_slice(&bytes).ok()?;
-        Some(run.source)
+        Some(run.source).filter(|_| run.initial_weights.is_none())
     }
 
     /// Whether its model is there.

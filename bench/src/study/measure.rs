@@ -29,7 +29,7 @@ use crate::{
         request::{Request, RunError},
         run,
     },
-    model::leakage::{self, Leakage},
+    model::leakage::{self, Leakage, Tested},
     rows::compare,
     runtime::{Device, RuntimeChoice, process::Limits},
 };
@@ -215,10 +215,22 @@ impl<'a> OnSet<'a> {
     /// What is known of training drives among the test images, in a sentence over all measured models.
     #[must_use]
     pub fn leakage(&self, outcome: &Outcome) -> String {
-        let (mut clear, mut unknown, mut seen) = (0, 0, Vec::new());
+        let (mut clear, mut unknown, mut seen, mut elsewhere) = (0, 0, Vec::new(), Vec::new());
         for model in &outcome.record.models {
-            match leakage::check(model.metadata.as_ref(), self.content, &self.samples) {
-                Leakage::None => clear += 1,
+            let run = self.set.runs.iter().find(|run| run.name() == model.name);
+            let source = run.and_then(StudyRun::source);
+            let tested = Tested {
+                content: self.content,
+                source: &self.source,
+                samples: &self.samples,
+                training_source: source.as_deref(),
+            };
+            let metadata = model.metadata.as_ref();
+            match leakage::check(metadata, &tested) {
+                Leakage::None => {
+                    clear += 1;
+                    elsewhere.extend(tested.other_world(metadata).map(str::to_owned));
+                }
                 Leakage::Unknown => unknown += 1,
                 Leakage::Drives { .. } | Leakage::OtherSplit { .. } => {
                     seen.push(model.name.as_str())
@@ -227,23 +239,23 @@ impl<'a> OnSet<'a> {
         }
         let all = outcome.record.models.len();
         let mut text = format!(
-            "leakage on {}: {clear} of {all} models were trained on no drive of its {} test images",
+            "leakage on {}: {clear} of {all} models were trained on no place of its {} test images",
             self.set.name,
             self.samples.len()
         );
+        if let Some(source) = elsewhere.first() {
+            text += &format!(
+                "; {} on {source} images, while these are {}: other places, also where drives have the same \
+                 names",
+                elsewhere.len(),
+                self.source
+            );
+        }
         if unknown > 0 {
             text += &format!("; {unknown} do not say what they were trained on");
         }
         if !seen.is_empty() {
             text += &format!("; LEAKAGE: {} were or may have been", seen.join(", "));
-        }
-        // Drives are known by their names, which the rendered world has from KITTI.
-        let mut sources = self.set.runs.iter().filter_map(StudyRun::source);
-        if let Some(other) = sources.find(|source| *source != self.source) {
-            text += &format!(
-                "; drives are compared by name, but the training images were {other} and these are {}",
-                self.source
-            );
         }
         text
     }
@@ -270,14 +282,17 @@ impl<'a> OnSet<'a> {
             name: run.name(),
             file: run.model(),
         }];
+        let source = run.source();
         let request = Request {
             data: &self.set.data,
             table,
             protocols,
             models: &models,
             predictions: &[],
+            training_source: source.as_deref(),
             further: false,
             median_baseline: false,
+            medians_of: &[],
             out: &folder,
             shard: None,
             // What is there is the same run's, measured otherwise.

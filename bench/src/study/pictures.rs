@@ -9,7 +9,7 @@ use strat_store::{files, set::PreparedSet};
 use super::measure::{Measuring, StudySet};
 use crate::{
     figures::{self, Choice, FigureError, Figures},
-    model::{Model, vet::vet},
+    model::{Model, leakage::Tested, vet::vet},
     runtime::Runtime,
 };
 
@@ -51,7 +51,7 @@ pub fn write(
         } = *measuring;
         let mut model = Model::open(&run.name(), &run.model(), runtime, device, threads)?;
         // What there is to say of it was said when it was measured.
-        vet(&mut model, Some((prepared.manifest.content, &samples)))?;
+        vet(&mut model, Some(Tested::new(&prepared.manifest, &samples)))?;
         drawn.push(figures.of_model(&run.model(), &mut model));
     }
     files::make_folder(out)?;

@@ -9,7 +9,9 @@ use strat_onnx::metadata::Probe;
 use strat_splits::Split;
 
 use crate::command::{bench, run, text};
-use crate::fixtures::{INPUT_HEIGHT, INPUT_WIDTH, metadata, network, onnxruntime, write_model};
+use crate::fixtures::{
+    INPUT_HEIGHT, INPUT_WIDTH, metadata, network, onnxruntime, write_model, write_set,
+};
 use crate::npy;
 use crate::world::World;
 
@@ -190,6 +192,61 @@ fn the_median_baseline_is_the_median_of_the_scans() {
         .bench("3.1", "out", &["--median-baseline"])
         .code(1)
         .says("--train-depth");
+}
+
+/// A constant map of another set shows what a model that was trained there could know without looking.
+#[test]
+fn the_median_baseline_can_come_from_another_set() {
+    let world = World::new(Split::Kitti, 2, false);
+    // Its scans are 10 m away in the median, and the stereo images everywhere 72 * 0.54 / 6.199 m.
+    write_set(&world.path("scanned"), Split::Eigen, 1, false);
+    let from = text(&world.path("scanned"));
+    let named = format!("world={from}");
+    let more = [
+        "--median-baseline-from",
+        &from,
+        "--median-baseline-from",
+        &named,
+    ];
+    let ran = world.bench("3.1", "out", &more);
+    ran.code(0);
+    assert!(!ran.err.contains("LEAKAGE"), "{}", ran.err);
+    let rows = world.rows("out");
+    let names: Vec<&str> = rows.iter().map(|row| row.context.model.as_str()).collect();
+    let (own, given) = ("Median depth (scanned)", "Median depth (world)");
+    assert_eq!(names, [own, own, given, given]);
+    let truth_m = crate::fixtures::FOCAL_PX * 0.54 / crate::fixtures::DISPARITY_PX;
+    for row in &rows {
+        let abs_rel = (10.0 - truth_m) / truth_m;
+        assert!(
+            (row.score.metrics.abs_rel - abs_rel).abs() < 1e-5,
+            "{} instead of {abs_rel}",
+            row.score.metrics.abs_rel
+        );
+    }
+    let record = fs::read_to_string(world.path("out/run.yaml")).unwrap();
+    assert!(record.contains("3 of 3 training scans"), "{record}");
+    assert!(
+        record.contains("scanned (eigen, rendered, data "),
+        "{record}"
+    );
+
+    // The same again replaces the same.
+    world.bench("3.1", "out", &more).code(0);
+    let nothing = text(&world.path("set"));
+    let more = ["--median-baseline-from", &nothing];
+    world
+        .bench("3.1", "none", &more)
+        .code(1)
+        .says("--train-depth");
+    let more = ["--median-baseline-from", "nowhere"];
+    world
+        .bench("3.1", "none", &more)
+        .code(1)
+        .says("no such folder");
+    let constant = format!("constant={from}");
+    let more = ["--median-baseline", "--median-baseline-from", &constant];
+    world.bench("3.1", "none", &more).code(2).says("NAME=DIR");
 }
 
 #[test]

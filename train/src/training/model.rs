@@ -176,6 +176,8 @@ pub(super) fn export_model(
     metadata.train_data_digest = Some(info.data_digest.clone());
     metadata.split = Some(config.split.to_string());
     metadata.train_drives = info.train_drives.clone();
+    // Weights that began elsewhere have seen other images too.
+    metadata.train_source = Some(info.source.clone()).filter(|_| info.initial_weights.is_none());
     metadata.unknown_start = info.initial_weights.clone().filter(|_| info.unknown_start);
     metadata.camera = info.camera;
     metadata.variant = Some(variant_name(config).to_owned());

@@ -36,6 +36,10 @@ pub struct ModelMetadata {
     /// Drives that the training images come from, so that an evaluation can tell whether it asks
     /// for places the model has seen. Empty when unknown.
     pub train_drives: Vec<String>,
+    /// Where the training images came from: `kitti`, `rendered` or the name of a collection. None where
+    /// unknown, or where the weights began with those of another training.
+    #[serde(default)]
+    pub train_source: Option<String>,
     /// BLAKE3 of the weights that the training began with, where it is unknown what those were
     /// trained on: `train_drives` is then not the whole list.
     #[serde(default)]
@@ -88,6 +92,7 @@ impl ModelMetadata {
             train_data_digest: None,
             split: None,
             train_drives: Vec::new(),
+            train_source: None,
             unknown_start: None,
             camera: None,
             variant: None,
@@ -121,6 +126,7 @@ impl ModelMetadata {
             "train_drives",
             (!self.train_drives.is_empty()).then(|| self.train_drives.join(" ")),
         );
+        put("train_source", self.train_source.clone());
         put("unknown_start", self.unknown_start.clone());
         if let Some(camera) = &self.camera {
             put(
@@ -214,6 +220,7 @@ impl ModelMetadata {
                 .get("train_drives")
                 .map(|names| names.split_whitespace().map(str::to_owned).collect())
                 .unwrap_or_default();
+            metadata.train_source = fields.text("train_source");
             metadata.unknown_start = fields.text("unknown_start");
             metadata.camera = fields.camera();
             metadata.variant = fields.text("variant");

@@ -13,6 +13,7 @@ fn full() -> ModelMetadata {
             "2011_09_26_drive_0001".into(),
             "2011_09_30_drive_0020".into(),
         ],
+        train_source: Some("rendered".into()),
         unknown_start: Some("ff00".into()),
         camera: Some(camera([0.58, 0.57, 0.585], 0.54)),
         variant: Some("strat".into()),

@@ -5,6 +5,8 @@
 //! evaluation, its record. What cannot be used is named and costs itself only. Not here: the
 //! command line, and the files of a finished run ([`super::write`](mod@super::write)).
 
+mod constant;
+
 use std::{
     collections::{BTreeSet, HashMap},
     path::{Path, PathBuf},
@@ -32,7 +34,7 @@ use super::{
     fitting::{self, Fitted},
     identity::Identity,
     journal::{self, Journal, OfImage},
-    median::{self, MedianDepth},
+    median,
     ownership::{self, MARK, Planned},
     plan,
     predictions::{PredictionWriter, SavedPredictions},
@@ -42,7 +44,7 @@ use super::{
     suspicion::FIRST_IMAGES,
 };
 use crate::{
-    model::{Model, vet::vet},
+    model::{Model, leakage::Tested, vet::vet},
     notes::Notes,
     runtime::{Runtime, placement_text},
 };
@@ -114,9 +116,7 @@ pub fn run(
     }
     let runtime = run.models()?;
     run.saved_predictions()?;
-    if request.median_baseline {
-        run.median_baseline()?;
-    }
+    run.constant_baselines()?;
     Ok(run.finish(plan.tables, runtime.as_ref(), count, arguments))
 }
 
@@ -129,7 +129,9 @@ fn earlier_run(
     let given = request.models.iter().chain(request.predictions);
     let mut inputs: Vec<&Path> = given.map(|given| given.file.as_path()).collect();
     inputs.push(request.data);
-    let named = request.predictions.iter().map(|given| given.name.as_str());
+    inputs.extend(request.medians_of.iter().map(|given| given.file.as_path()));
+    let named = request.predictions.iter().chain(request.medians_of);
+    let named = named.map(|given| given.name.as_str());
     let planned = Planned {
         models: request.models,
         named: named
@@ -201,7 +203,10 @@ impl TableRun<'_> {
     fn model(&mut self, given: &NamedFile, runtime: &Runtime) -> Result<(), RunError> {
         let NamedFile { name, file } = given;
         let request = self.request;
-        let tested = (self.set.manifest.content, self.samples.as_slice());
+        let tested = Tested {
+            training_source: request.training_source,
+            ..Tested::new(&self.set.manifest, &self.samples)
+        };
         let opened = Model::open(name, file, runtime, request.device, request.threads)
             .and_then(|mut model| Ok((vet(&mut model, Some(tested))?, model)));
         let (vetting, mut model) = match opened {
@@ -293,34 +298,6 @@ impl TableRun<'_> {
             })?;
         }
         Ok(())
-    }
-
-    fn median_baseline(&mut self) -> Result<(), RunError> {
-        let Request { pool, quiet, .. } = *self.request;
-        let median = match MedianDepth::of_training(&self.set, pool, quiet) {
-            Ok(median) => median,
-            Err(error) => {
-                self.notes.fail(error.to_string());
-                return Ok(());
-            }
-        };
-        let note = format!(
-            "per-place median of {} of {} training scans on a grid of {}x{}",
-            median.images,
-            median.available,
-            median::GRID_WIDTH,
-            median::GRID_HEIGHT
-        );
-        let protocols = self.protocols_for(median::NAME, OutputMeaning::DepthM);
-        self.measure(Subject {
-            record: ModelRecord {
-                note: Some(note),
-                ..ModelRecord::new(median::NAME, median.digest())
-            },
-            predictor: Predictor::MedianDepth(&median),
-            protocols,
-            writer: None,
-        })
     }
 
     /// The protocols of a run as they apply to predictions of this meaning.
