@@ -22,6 +22,14 @@ pub struct Training<'a> {
     pub unknown_start: bool,
 }
 
+impl Training<'_> {
+    /// Whether it names a split or drives at all.
+    #[must_use]
+    pub fn is_told(&self) -> bool {
+        self.split.is_some() || !self.drives.is_empty()
+    }
+}
+
 /// What is known about training places among the test images.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Leakage {

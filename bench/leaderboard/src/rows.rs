@@ -34,7 +34,7 @@ pub(crate) fn read(folder: &Path) -> Result<(&'static str, Vec<Row>), (&'static 
         )),
         (false, false) => Err((
             ROWS_GZ,
-            format!("there are no rows: {ROWS_GZ} or {ROWS} is needed; `bench publish` writes it"),
+            format!("no rows: {ROWS_GZ} or {ROWS} is needed; `bench publish` writes it"),
         )),
         (true, false) => unpack(&folder.join(ROWS_GZ))
             .map(|rows| (ROWS_GZ, rows))

@@ -268,7 +268,7 @@ fn check_run(run: &Run) -> Vec<String> {
 
 fn check_rows(found: &[Row], board: &Board, run: &Run) -> Vec<String> {
     let Some(first) = found.first() else {
-        return vec!["there are no rows".to_owned()];
+        return vec!["it has no rows".to_owned()];
     };
     let mut problems: BTreeSet<String> = BTreeSet::new();
     let mut known: Vec<&strat_metrics::RowContext> = Vec::new();
@@ -479,18 +479,23 @@ fn differences(claimed: &[Entry], derived: &[Entry]) -> Vec<String> {
     sentences
 }
 
-/// The words about leakage that follow from the training drives, where `run.yaml` has lost them.
+/// What is missing of the two things that `bench` writes about leakage: the training that `run.yaml`
+/// tells of, and the words that follow from it. That both were taken out cannot be seen.
 fn unsaid(scored: &[Scored], run: &Run) -> Option<String> {
     let model = run.models.first()?;
-    let leaks = scored.iter().map(|one| &one.leakage);
-    let mut leaks =
-        leaks.filter(|leak| matches!(leak, Leakage::Drives { .. } | Leakage::OtherSplit { .. }));
-    let leak = leaks.next()?;
-    let said = |warning: &&String| warning.starts_with("LEAKAGE") && mentions(warning, &model.name);
-    match run.warnings.iter().find(said) {
-        Some(_) => None,
-        None => Some(format!(
-            "the warning about leakage is missing: the model was {leak}; submit {RUN} as `bench` wrote it"
-        )),
+    let said = |warning: &String| warning.starts_with("LEAKAGE") && mentions(warning, &model.name);
+    let is_said = run.warnings.iter().any(said);
+    if is_said && !model.training().is_some_and(|training| training.is_told()) {
+        return Some(format!(
+            "a warning says that the model has seen drives of the test, but its training (`metadata`) is \
+             missing; submit {RUN} as `bench` wrote it"
+        ));
     }
+    let mut leaks = scored.iter().map(|one| &one.leakage);
+    let leak = leaks
+        .find(|leak| matches!(leak, Leakage::Drives { .. } | Leakage::OtherSplit { .. }))
+        .filter(|_| !is_said)?;
+    Some(format!(
+        "the warning about leakage is missing: the model was {leak}; submit {RUN} as `bench` wrote it"
+    ))
 }

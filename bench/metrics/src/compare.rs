@@ -48,6 +48,21 @@ impl Default for TestOptions {
     }
 }
 
+impl TestOptions {
+    /// The key of the ChaCha8 stream that patterns are drawn from, for programs that draw the same ones
+    /// elsewhere. Patterns follow each other from the start of the stream; each is as many little-endian
+    /// words of 64 bits as its signs need.
+    #[must_use]
+    pub fn key(&self) -> [u8; 32] {
+        self.random().get_seed()
+    }
+
+    /// The generator of patterns.
+    pub(crate) fn random(&self) -> ChaCha8Rng {
+        ChaCha8Rng::seed_from_u64(self.seed)
+    }
+}
+
 /// One metric of one pair of models under one protocol.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PairedTest {

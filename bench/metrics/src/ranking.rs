@@ -6,8 +6,7 @@
 //! patterns, Holm's correction runs over the methods that are held against one best. Not here: which
 //! methods may take part.
 
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use rand::Rng;
 use serde::Serialize;
 
 use crate::compare::{EXACT_UP_TO, TestOptions, holm, smallest_p};
@@ -37,7 +36,7 @@ impl SignFlips {
         let patterns = if is_exact {
             (0..1_u64 << recordings).collect()
         } else {
-            let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+            let mut random = options.random();
             let words = options.permutations as usize * recordings.div_ceil(64);
             (0..words).map(|_| random.next_u64()).collect()
         };
@@ -46,12 +45,6 @@ impl SignFlips {
             patterns,
             is_exact,
         })
-    }
-
-    /// The patterns, one bit a recording, each in as many words of 64 as it needs.
-    #[must_use]
-    pub fn patterns(&self) -> &[u64] {
-        &self.patterns
     }
 
     /// Two-sided p of the hypothesis that the sign of each difference is a coin's.
@@ -214,7 +207,8 @@ pub fn rank(
 
 #[cfg(test)]
 mod tests {
-    use rand::RngExt as _;
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_chacha::ChaCha8Rng;
 
     use super::*;
     use crate::compare::sign_flip;

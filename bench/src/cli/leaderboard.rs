@@ -48,6 +48,9 @@ struct InitArgs {
     /// A prepared set whose rows are taken; can be given several times
     #[arg(long, value_name = "SET")]
     data: Vec<PathBuf>,
+    /// The git address of strat, from which the workflow builds `bench`
+    #[arg(long, value_name = "ADDRESS")]
+    strat: Option<String>,
 }
 
 #[derive(Debug, Args)]
@@ -74,8 +77,9 @@ struct PageArgs {
 pub(super) fn run(args: &LeaderboardArgs) -> anyhow::Result<u8> {
     match &args.command {
         LeaderboardCommand::Init(args) => {
-            let data = init::init(&args.folder, &args.title, &args.data).map_err(usage)?;
-            eprint_line(init::next_steps(&args.folder, &data));
+            let strat = args.strat.as_deref();
+            let data = init::init(&args.folder, &args.title, &args.data, strat).map_err(usage)?;
+            eprint_line(init::next_steps(&args.folder, &data, strat));
             Ok(DONE)
         }
         LeaderboardCommand::Check(args) => run_check(args),

@@ -22,5 +22,7 @@ mod rows;
 mod runs;
 mod runtimes;
 mod study;
+#[cfg(unix)]
+mod workflow;
 mod world;
 mod wrong_numbers;

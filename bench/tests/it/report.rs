@@ -56,7 +56,7 @@ fn figures_of_the_page_are_those_of_the_rows() {
             let summary = summarise(&of(&rows, protocol)).unwrap();
             let (mean, ends) = (summary.mean.abs_rel, summary.intervals.unwrap()[0]);
             let cell = format!(
-                "data-v=\"{mean}\">{mean:.3}<small>{:.3} to {:.3}</small>",
+                "data-v=\"{mean}\">{mean:.3}<small>{:.3}–{:.3}</small>",
                 ends.low, ends.high
             );
             assert!(page.contains(&cell), "no {cell} for {out} under {protocol}");
@@ -224,10 +224,10 @@ fn broken_files_cost_themselves_only() {
     fs::create_dir_all(world.path("empty")).unwrap();
     report(&world.path("empty"), &[])
         .code(1)
-        .says("there are no results below");
+        .says("no results below");
     report(&world.path("nowhere"), &[])
         .code(1)
-        .says("there is no folder of results at");
+        .says("results folder not found");
 }
 
 #[test]

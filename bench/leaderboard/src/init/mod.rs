@@ -13,12 +13,20 @@ const README: &str = include_str!("README.md");
 const WORKFLOW: &str = include_str!("leaderboard.yml");
 const WORKFLOW_PATH: &str = ".github/workflows/leaderboard.yml";
 
-/// Lays a leaderboard out in a new or empty folder, with the prepared sets whose rows it takes.
-/// Returns their descriptions.
+/// Where the workflow takes the address of strat from unless it is told.
+const VARIABLE: &str = "${{ vars.STRAT }}";
+
+/// Lays a leaderboard out in a new or empty folder, with the prepared sets whose rows it takes;
+/// `strat` is the git address that its workflow builds `bench` from. Returns the sets' descriptions.
 ///
 /// # Errors
-/// The folder holds anything, the title is unusable, or a set is none.
-pub fn init(folder: &Path, title: &str, sets: &[PathBuf]) -> Result<Vec<DataSet>, BoardError> {
+/// The folder holds anything, title or address are unusable, or a set is none.
+pub fn init(
+    folder: &Path,
+    title: &str,
+    sets: &[PathBuf],
+    strat: Option<&str>,
+) -> Result<Vec<DataSet>, BoardError> {
     let inputs: Vec<&Path> = sets.iter().map(PathBuf::as_path).collect();
     let refuse = |problem: String| Error::Output {
         path: folder.to_owned(),
@@ -31,6 +39,12 @@ pub fn init(folder: &Path, title: &str, sets: &[PathBuf]) -> Result<Vec<DataSet>
     }
     if let Err(why) = check_name(title) {
         return Err(refuse(format!("the title {title:?} {why}")).into());
+    }
+    if let Some(address) = strat.filter(|address| !is_address(address)) {
+        return Err(refuse(format!(
+            "{address:?} is not the address of a git repository, such as https://host/owner/strat"
+        ))
+        .into());
     }
     let mut data: Vec<DataSet> = Vec::new();
     for set in sets {
@@ -46,9 +60,22 @@ pub fn init(folder: &Path, title: &str, sets: &[PathBuf]) -> Result<Vec<DataSet>
     let write = |path: &str, text: &str| files::write_atomic(&folder.join(path), text.as_bytes());
     write(&format!("{SUBMISSIONS}/.gitkeep"), "")?;
     write("README.md", &README.replace("TITLE", title))?;
-    write(WORKFLOW_PATH, WORKFLOW)?;
+    write(WORKFLOW_PATH, &workflow(strat))?;
     MARK.finish(folder, config(title, &data).as_bytes())?;
     Ok(data)
+}
+
+/// Whether `cargo install --git` could take it, and YAML as it stands.
+fn is_address(text: &str) -> bool {
+    let known = ["https://", "ssh://", "file://"];
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-._~:/@".contains(c);
+    known.iter().any(|scheme| text.starts_with(scheme)) && text.chars().all(plain)
+}
+
+fn workflow(strat: Option<&str>) -> String {
+    WORKFLOW
+        .replace("ADDRESS", strat.unwrap_or(VARIABLE))
+        .replace("VERSION", env!("CARGO_PKG_VERSION"))
 }
 
 fn config(title: &str, data: &[DataSet]) -> String {
@@ -69,14 +96,22 @@ fn config(title: &str, data: &[DataSet]) -> String {
 
 /// What a maintainer reads after `init`.
 #[must_use]
-pub fn next_steps(folder: &Path, data: &[DataSet]) -> String {
-    let sets = if data.is_empty() {
-        format!("name the data sets in {BOARD}, or begin again with --data SET; ")
-    } else {
-        String::new()
-    };
+pub fn next_steps(folder: &Path, data: &[DataSet], strat: Option<&str>) -> String {
+    let mut steps = Vec::new();
+    if data.is_empty() {
+        steps.push(format!(
+            "name the data sets in {BOARD}, or begin again with --data SET"
+        ));
+    }
+    if strat.is_none() {
+        steps.push(format!(
+            "write the git address of strat into {WORKFLOW_PATH} (or begin again with --strat ADDRESS)"
+        ));
+    }
+    steps.push("commit it; README.md says what a contributor does".to_owned());
     format!(
-        "{} is a leaderboard; {sets}then commit it and see README.md for what a contributor does",
-        folder.display()
+        "{} is a leaderboard\nnext: {}",
+        folder.display(),
+        steps.join("; then ")
     )
 }

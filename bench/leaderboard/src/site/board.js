@@ -3,7 +3,10 @@
 (() => {
   const form = document.querySelector("form.controls");
   if (!form) return;
-  form.hidden = false;
+  const box = form.closest("details");
+  box.hidden = false;
+  // On a phone the table comes first.
+  box.open = matchMedia("(min-width: 40rem)").matches;
   const tables = [...document.querySelectorAll("table.ranking")];
   const filters = [...form.querySelectorAll("[data-filter]")];
   const metrics = form.querySelector("[data-metric]");

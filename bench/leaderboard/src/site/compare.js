@@ -104,10 +104,44 @@ function interval(sums, sizes) {
   return [ratio - half, ratio + half];
 }
 
-// p of the sign-flip test: counted up to 16 recordings, else with the patterns that bench draws.
-function signFlip(sums, signs) {
+// The stream of ChaCha with eight rounds under a key, from which `bench` draws patterns of signs: as
+// many bytes as asked for, or a few more.
+function stream(key, length) {
+  const start = Uint32Array.of(0x61707865, 0x3320646e, 0x79622d32, 0x6b206574, ...new Uint32Array(12));
+  const words = new DataView(key.buffer);
+  for (let at = 0; at < 8; at += 1) start[4 + at] = words.getUint32(4 * at, true);
+  const state = new Uint32Array(16);
+  const turn = (at, bits) => { state[at] = state[at] << bits | state[at] >>> (32 - bits); };
+  const quarter = (a, b, c, d) => {
+    state[a] += state[b]; state[d] ^= state[a]; turn(d, 16);
+    state[c] += state[d]; state[b] ^= state[c]; turn(b, 12);
+    state[a] += state[b]; state[d] ^= state[a]; turn(d, 8);
+    state[c] += state[d]; state[b] ^= state[c]; turn(b, 7);
+  };
+  const blocks = Math.ceil(length / 64);
+  const out = new DataView(new ArrayBuffer(64 * blocks));
+  for (let block = 0; block < blocks; block += 1) {
+    start[12] = block;
+    state.set(start);
+    for (let round = 0; round < 8; round += 2) {
+      for (let at = 0; at < 4; at += 1) quarter(at, at + 4, at + 8, at + 12);
+      for (let at = 0; at < 4; at += 1) quarter(at, 4 + (at + 1) % 4, 8 + (at + 2) % 4, 12 + (at + 3) % 4);
+    }
+    for (let at = 0; at < 16; at += 1) out.setUint32(64 * block + 4 * at, state[at] + start[at], true);
+  }
+  return new Uint8Array(out.buffer);
+}
+
+// The patterns for so many recordings: a bit each, in whole words of 64.
+function drawn(flips, count) {
+  const stride = 8 * Math.ceil(count / 64);
+  return { signs: stream(bytes(flips.key), flips.draws * stride), stride, draws: flips.draws };
+}
+
+// p of the sign-flip test: all patterns are counted, or those that were drawn.
+function signFlip(sums, patterns) {
   const count = sums.length;
-  if (count < 2 || count > 64) return null;
+  if (count < 2) return null;
   const observed = Math.abs(sum(sums));
   const slack = 1e-12 * sum(sums.map(Math.abs));
   const tables = [];
@@ -117,7 +151,7 @@ function signFlip(sums, signs) {
       sum(part.map((value, bit) => (pattern >> bit & 1 ? -value : value)))));
   }
   let hits = 0;
-  if (count <= 16) {
+  if (patterns === null) {
     for (let pattern = 0; pattern < 2 ** count; pattern += 1) {
       let total = tables[0][pattern & 255];
       if (tables.length > 1) total += tables[1][pattern >> 8];
@@ -125,10 +159,10 @@ function signFlip(sums, signs) {
     }
     return hits / 2 ** count;
   }
-  const draws = signs.length / 8;
+  const { signs, stride, draws } = patterns;
   for (let draw = 0; draw < draws; draw += 1) {
     let total = 0;
-    tables.forEach((table, index) => { total += table[signs[8 * draw + index]]; });
+    for (let at = 0; at < tables.length; at += 1) total += tables[at][signs[stride * draw + at]];
     if (Math.abs(total) >= observed - slack) hits += 1;
   }
   return (hits + 1) / (draws + 1);
@@ -242,7 +276,7 @@ async function show(index) {
   }));
   if (common.length === 0) throw new Error("The two methods have no image in common.");
   const recordings = [...new Set(common.map((one) => one.recording))].sort((a, b) => a - b);
-  const signs = recordings.length > 16 ? bytes((await load("data/signs.js", "signs", "")).signs) : null;
+  const patterns = recordings.length > index.flips.exact ? drawn(index.flips, recordings.length) : null;
   const sizes = recordings.map((one) => common.filter((image) => image.recording === one).length);
   const place = new Map(recordings.map((one, at) => [one, at]));
   const sums = (k) => {
@@ -256,7 +290,7 @@ async function show(index) {
     const mean = (side) => sum(common.map((one) => one[side][k])) / common.length;
     return [
       heading, mean("a").toFixed(4), mean("b").toFixed(4), signed(sum(totals) / common.length),
-      bounds ? `${signed(bounds[0])} .. ${signed(bounds[1])}` : "-", pText(signFlip(totals, signs)),
+      bounds ? `${signed(bounds[0])} .. ${signed(bounds[1])}` : "-", pText(signFlip(totals, patterns)),
     ];
   }));
   const unpaired = rows[0].size + rows[1].size - 2 * common.length;

@@ -2,8 +2,8 @@
 //!
 //! `data/index.js` names sections and methods, `data/SECTION/images.js` the images with their
 //! recordings, `data/SECTION/METHOD.js` seven metrics an image in 32-bit floats, base64 in
-//! little-endian order. `data/signs.js` has the sign patterns that p values of more than sixteen
-//! recordings are drawn with, so that a browser gets those of `bench compare`.
+//! little-endian order. `data/index.js` also has the key of the sign patterns that p values of more than
+//! sixteen recordings are drawn with, so that a browser gets those of `bench compare`.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,6 @@ use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 use strat_metrics::Metric;
 use strat_metrics::compare::{EXACT_UP_TO, TestOptions};
-use strat_metrics::ranking::SignFlips;
 use strat_splits::{Recording, recording};
 
 use super::memory::Site;
@@ -20,7 +19,6 @@ use crate::section::{Method, Section};
 
 pub(super) fn add(site: &mut Site, sections: &[Section<'_>]) {
     site.add("data/index.js", script("index", "", &index(sections)));
-    let mut many = false;
     for section in sections {
         let ids: BTreeSet<&str> = section
             .methods
@@ -30,11 +28,9 @@ pub(super) fn add(site: &mut Site, sections: &[Section<'_>]) {
             .collect();
         let ids: Vec<&str> = ids.into_iter().collect();
         let path = format!("data/{}", section.id);
-        let (images, recordings) = images(&ids);
-        many |= recordings > EXACT_UP_TO;
         site.add(
             format!("{path}/images.js"),
-            script("images", &section.id, &images),
+            script("images", &section.id, &images(&ids)),
         );
         for method in &section.methods {
             let id = &method.submission.id;
@@ -44,16 +40,6 @@ pub(super) fn add(site: &mut Site, sections: &[Section<'_>]) {
                 script("values", &key, &values(method, &ids)),
             );
         }
-    }
-    // Patterns of 64 signs serve any number of recordings up to that.
-    if let Some(flips) = SignFlips::new(EXACT_UP_TO + 1, &TestOptions::default()).filter(|_| many) {
-        let bytes: Vec<u8> = flips
-            .patterns()
-            .iter()
-            .flat_map(|word| word.to_le_bytes())
-            .collect();
-        let signs = json!({"signs": STANDARD.encode(bytes)});
-        site.add("data/signs.js", script("signs", "", &signs));
     }
 }
 
@@ -88,19 +74,25 @@ fn index(sections: &[Section<'_>]) -> Value {
     };
     let metrics = Metric::ALL
         .map(|metric| json!([metric.name(), metric.heading(), metric.lower_is_better()]));
-    json!({"metrics": metrics, "sections": sections.iter().map(of).collect::<Vec<_>>()})
+    let options = TestOptions::default();
+    json!({
+        "metrics": metrics,
+        "flips": {
+            "exact": EXACT_UP_TO,
+            "draws": options.permutations,
+            "key": STANDARD.encode(options.key()),
+        },
+        "sections": sections.iter().map(of).collect::<Vec<_>>(),
+    })
 }
 
-/// Ids with the index of each image's recording, and the number of recordings.
-fn images(ids: &[&str]) -> (Value, usize) {
+/// Ids with the index of each image's recording.
+fn images(ids: &[&str]) -> Value {
     let all: BTreeSet<Recording<'_>> = ids.iter().map(|id| recording(id)).collect();
     let indices: BTreeMap<&Recording<'_>, usize> = all.iter().zip(0..).collect();
     let of: Vec<usize> = ids.iter().map(|id| indices[&recording(id)]).collect();
     let names: Vec<String> = all.iter().map(ToString::to_string).collect();
-    (
-        json!({"ids": ids, "recordings": names, "of": of}),
-        all.len(),
-    )
+    json!({"ids": ids, "recordings": names, "of": of})
 }
 
 fn values(method: &Method<'_>, ids: &[&str]) -> Value {

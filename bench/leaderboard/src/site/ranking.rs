@@ -173,22 +173,25 @@ fn controls(supervisions: &[&str], alignments: &[String]) -> Markup {
         .map(|name| (name.as_str(), name.clone()))
         .collect();
     html! {
-        form.controls hidden aria-label="What is shown" {
-            label { "Ranked by "
-                select data-metric {
-                    @for metric in Metric::ALL { option value=(metric.name()) { (metric.heading()) } }
+        details.choice hidden open {
+            summary { "Ranked by, filters, columns" }
+            form.controls aria-label="What is shown" {
+                label { "Ranked by "
+                    select data-metric {
+                        @for metric in Metric::ALL { option value=(metric.name()) { (metric.heading()) } }
+                    }
                 }
-            }
-            (choice("Supervision", "supervision", &supervisions))
-            @if aligned.len() > 1 { (choice("Alignment", "alignment", &aligned)) }
-            (choice("Images", "images", &[("complete", "complete".to_owned()), ("partial", "partial".to_owned())]))
-            (choice("Origin", "origin", &[("measured", "measured".to_owned()), ("published", "published".to_owned())]))
-            fieldset {
-                legend { "Columns" }
-                @for metric in Metric::ALL {
-                    label { input type="checkbox" checked data-column=(metric.name()); " " (metric.heading()) }
+                (choice("Supervision", "supervision", &supervisions))
+                @if aligned.len() > 1 { (choice("Alignment", "alignment", &aligned)) }
+                (choice("Images", "images", &[("complete", "complete".to_owned()), ("partial", "partial".to_owned())]))
+                (choice("Origin", "origin", &[("measured", "measured".to_owned()), ("published", "published".to_owned())]))
+                fieldset {
+                    legend { "Columns" }
+                    @for metric in Metric::ALL {
+                        label { input type="checkbox" checked data-column=(metric.name()); " " (metric.heading()) }
+                    }
+                    label { input type="checkbox" checked data-column="bounds"; " intervals" }
                 }
-                label { input type="checkbox" checked data-column="bounds"; " intervals" }
             }
         }
     }
@@ -205,8 +208,6 @@ fn table(part: &Part<'_>) -> Markup {
             thead { tr {
                 th.n scope="col" { "Rank" }
                 th scope="col" { "Method" }
-                th scope="col" { "Supervision" }
-                th.n scope="col" { "Images" }
                 th.drawn scope="col" { span.of { (first.heading()) } ", 95 % interval" }
                 @for metric in Metric::ALL {
                     th.n scope="col" data-column=(metric.name()) data-lower[metric.lower_is_better()] { (metric.heading()) }
@@ -330,9 +331,8 @@ fn measured(section: &Section<'_>, method: &Method<'_>, first: Metric, scale: &S
             th scope="row" {
                 a href={ "../methods/" (method.submission.id) ".html" } { (card.method) }
                 (words(section, method))
+                small { (card.supervision) ", " (method.scored.images) "/" (section.of_split) " images" }
             }
-            td { (card.supervision) }
-            td.n data-v=(method.scored.images) { (method.scored.images) "/" (section.of_split) }
             td.drawn { (drawn(line.metrics[first as usize], interval, scale, false)) }
             @for metric in Metric::ALL {
                 (cell(metric, line.metrics[metric as usize], line.intervals[metric as usize].map(|i| (i.low, i.high))))
@@ -380,10 +380,9 @@ fn published(row: &Published, first: Metric, scale: &Scale) -> Markup {
             td.n.rank { "-" }
             th scope="row" {
                 (row.method) " " span.tag { "published" }
+                small { (row.supervision) }
                 small { (row.citation) @if let Some(note) = &row.note { ". " (note) } }
             }
-            td { (row.supervision) }
-            td.n { "-" }
             td.drawn { (drawn(metrics[first as usize], None, scale, true)) }
             @for metric in Metric::ALL { (cell(metric, metrics[metric as usize], None)) }
             td.n.p { "-" }

@@ -32,7 +32,7 @@ pub fn scrolling(label: &str, caption: &str, table: &Markup) -> Markup {
 pub fn interval_text(interval: Option<Interval>) -> Markup {
     html! {
         @if let Some(Interval { low, high }) = interval {
-            small { (format!("{low:.3} to {high:.3}")) }
+            small { (format!("{low:.3}–{high:.3}")) }
         }
     }
 }

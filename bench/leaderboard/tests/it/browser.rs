@@ -13,6 +13,8 @@ use strat_metrics::rows::{self, by_model};
 use strat_metrics::{Metric, Row};
 use strat_needs::Need;
 
+use crate::fixtures::{Fixture, PROTOCOL, measured};
+
 fn chromium() -> Option<&'static str> {
     let known = ["chromium", "chromium-browser", "google-chrome"];
     known.into_iter().find(|name| {
@@ -34,18 +36,8 @@ fn rows_of(id: &str) -> Vec<Row> {
     rows::read(bytes.as_slice()).unwrap()
 }
 
-/// Means, differences, intervals and p values that the page computes are those of `bench compare`.
-#[test]
-fn a_browser_computes_what_bench_compare_does() {
-    let Some(chromium) = chromium() else {
-        Need::Chromium.is_lacking("none in the path");
-        return;
-    };
-    let folder = tempfile::tempdir().unwrap();
-    let checked = check(&board(), true).unwrap();
-    let section = sections(&checked)[0].id.clone();
-    let out = folder.path().join("site");
-    site::write(&checked, &out).unwrap();
+/// What a browser makes of the comparison page of a site.
+fn compared(chromium: &str, folder: &Path, site: &Path, choice: &str) -> String {
     let output = Command::new(chromium)
         .args([
             "--headless",
@@ -56,17 +48,20 @@ fn a_browser_computes_what_bench_compare_does() {
         ])
         .arg(format!(
             "--user-data-dir={}",
-            folder.path().join("profile").display()
+            folder.join("profile").display()
         ))
         .arg(format!(
-            "file://{}#section={section}&a=strat-1&b=no-adv-1&metric=rmse",
-            out.join("compare.html").display()
+            "file://{}#{choice}",
+            site.join("compare.html").display()
         ))
         .output()
         .unwrap();
-    let page = String::from_utf8_lossy(&output.stdout);
-    let both = [rows_of("strat-1"), rows_of("no-adv-1")].concat();
-    let models = by_model(&both, "eigen-80").unwrap();
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// The page has the means, differences, intervals and p values of `bench compare`.
+fn assert_compared(page: &str, both: &[Row], protocol: &str) {
+    let models = by_model(both, protocol).unwrap();
     let tests = compare(&[(&models[0], &models[1])], false, &TestOptions::default()).unwrap();
     for (metric, test) in Metric::ALL.into_iter().zip(&tests) {
         let interval = test.interval.unwrap();
@@ -90,16 +85,61 @@ fn a_browser_computes_what_bench_compare_does() {
         let line = format!("<th scope=\"row\">{heading}</th>{line}");
         assert!(
             page.contains(&line),
-            "{line} is not in the page:\n{}\n{}",
+            "{line} is not in the page:\n{}",
             page.split("id=\"means\"")
                 .nth(1)
-                .unwrap_or(&page)
+                .unwrap_or(page)
                 .chars()
                 .take(3000)
                 .collect::<String>(),
-            String::from_utf8_lossy(&output.stderr)
         );
     }
+}
+
+#[test]
+fn a_browser_computes_what_bench_compare_does() {
+    let Some(chromium) = chromium() else {
+        Need::Chromium.is_lacking("none in the path");
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let checked = check(&board(), true).unwrap();
+    let section = sections(&checked)[0].id.clone();
+    let out = folder.path().join("site");
+    site::write(&checked, &out).unwrap();
+    let choice = format!("section={section}&a=strat-1&b=no-adv-1&metric=rmse");
+    let page = compared(chromium, folder.path(), &out, &choice);
+    let both = [rows_of("strat-1"), rows_of("no-adv-1")].concat();
+    assert_compared(&page, &both, "eigen-80");
     assert!(page.contains("224 images of 28 recordings"));
     assert!(page.contains("RMSE: better with strat@1"));
+}
+
+/// Patterns of more than 64 signs take more than one word each.
+#[test]
+fn a_browser_draws_the_signs_of_many_recordings() {
+    let Some(chromium) = chromium() else {
+        Need::Chromium.is_lacking("none in the path");
+        return;
+    };
+    let ids: Vec<String> = (0..150).map(|room| format!("room_{room:04}/0")).collect();
+    let fixture = Fixture::of_images("other", "rooms", &ids);
+    let mut both = Vec::new();
+    for (id, factor) in [("a", 1.1), ("b", 1.102)] {
+        let mut rows = measured(id, &ids, factor);
+        for row in &mut rows {
+            "rooms".clone_into(&mut row.context.split);
+        }
+        fixture.submit_rows(id, id, &rows);
+        both.extend(rows);
+    }
+    assert_eq!(fixture.problems(), "");
+    let checked = fixture.check();
+    let section = sections(&checked)[0].id.clone();
+    let out = fixture.path("site");
+    site::write(&checked, &out).unwrap();
+    let choice = format!("section={section}&a=a&b=b");
+    let page = compared(chromium, fixture.folder.path(), &out, &choice);
+    assert!(page.contains("150 images of 150 recordings"));
+    assert_compared(&page, &both, PROTOCOL);
 }

@@ -26,6 +26,8 @@ pub fn images() -> Vec<String> {
 
 pub struct Fixture {
     pub folder: TempDir,
+    /// Images of the set, and of the published test set of its split.
+    counts: (usize, usize),
 }
 
 impl Fixture {
@@ -34,14 +36,23 @@ impl Fixture {
     }
 
     pub fn of_source(source: &str) -> Self {
+        Self::of_images(source, "eigen", &images())
+    }
+
+    pub fn of_images(source: &str, split: &str, images: &[String]) -> Self {
+        let of_split = match split {
+            "eigen" => test_ids(Split::Eigen).len(),
+            _ => images.len(),
+        };
         let fixture = Self {
             folder: tempfile::tempdir().unwrap(),
+            counts: (images.len(), of_split),
         };
         let text = format!(
             "strat_leaderboard: 1\ntitle: Test board\ndata:\n  - {{digest: {}, name: A set, source: {source}, \
-             split: eigen, images: {}}}\n",
+             split: {split}, images: {}}}\n",
             data_digest(),
-            images().len()
+            images.len()
         );
         fixture.write("board/leaderboard.yaml", &text);
         fs::create_dir_all(fixture.path("board/submissions")).unwrap();
@@ -92,12 +103,13 @@ impl Fixture {
         let record = format!(
             "tool: bench\ntool_version: 0.1.0\narguments: [--data, /home/somebody/sets/eigen]\n\
              data: {{path: /home/somebody/sets/eigen, source: kitti, data_digest: {}, \
-             test_images_expected: 697, test_images_found: {}}}\ndevice: cpu\n\
+             test_images_expected: {}, test_images_found: {}}}\ndevice: cpu\n\
              models:\n- {{name: {model:?}, file: /home/somebody/m.onnx, blake3: abc, parameters: 7, runtime: embedded, \
              provider: cpu, metadata: {metadata}}}\n\
              protocols: [{{name: {PROTOCOL}, digest: {}}}]\nwarnings: [{warnings}]\nfailures: 0\n",
             data_digest(),
-            images().len(),
+            self.counts.1,
+            self.counts.0,
             rules.digest()
         );
         self.write(&format!("results/{model}/run.yaml"), &record);

@@ -353,6 +353,42 @@ fn leakage_that_was_taken_out() {
     );
 }
 
+/// The words stay behind when the drives that they follow from are taken out.
+#[test]
+fn training_drives_that_were_taken_out() {
+    let fixture = spoiled();
+    let record = text(&fixture.own("bad", "run.yaml"));
+    assert!(record.contains("train_drives"), "{record}");
+    let cut: String = record
+        .lines()
+        .filter(|line| {
+            !["train_drives", "- 2011_", "split:"]
+                .iter()
+                .any(|part| line.contains(part))
+        })
+        .map(|line| format!("{line}\n"))
+        .collect();
+    let warned = cut.replace(
+        "warnings: []",
+        "warnings: ['LEAKAGE: model bad was trained on it']",
+    );
+    fs::write(fixture.own("bad", "run.yaml"), &warned).unwrap();
+    says(
+        &fixture,
+        &[
+            "run.yaml: a warning says that the model has seen drives of the test, but its training (`metadata`) is missing",
+            "submit run.yaml as `bench` wrote it",
+        ],
+    );
+    // Without the words, too, it is a model that does not say what it was trained on.
+    fs::write(fixture.own("bad", "run.yaml"), &cut).unwrap();
+    assert_eq!(fixture.problems(), "");
+    let checked = fixture.check();
+    let bad = checked.submissions.iter().find(|one| one.id == "bad");
+    let leakage = &bad.unwrap().scored[0].leakage;
+    assert_eq!(leakage.to_string(), "training drives unknown");
+}
+
 #[test]
 fn a_method_twice() {
     let fixture = spoiled();

@@ -60,7 +60,7 @@ fn init_takes_an_empty_folder_only() {
     let fixture = Fixture::new();
     let new = fixture.path("new");
     assert_eq!(
-        init(&new, "Depth: \"ours\"", &[])
+        init(&new, "Depth: \"ours\"", &[], None)
             .unwrap_err()
             .to_string()
             .matches("has the character")
@@ -68,7 +68,7 @@ fn init_takes_an_empty_folder_only() {
         1
     );
     assert!(!new.exists());
-    init(&new, "Depth, ours", &[]).unwrap();
+    init(&new, "Depth, ours", &[], None).unwrap();
     for file in [
         "leaderboard.yaml",
         "README.md",
@@ -81,12 +81,18 @@ fn init_takes_an_empty_folder_only() {
     assert!(readme.starts_with("# Depth, ours\n") && readme.lines().count() == 7);
     let checked = strat_leaderboard::check::check(&new, false).unwrap();
     assert_eq!((checked.problems.len(), checked.published.len()), (0, 47));
-    let again = init(&new, "x", &[]).unwrap_err().to_string();
+    let odd = init(&fixture.path("odd"), "x", &[], Some("a: b"));
+    let odd = odd.unwrap_err().to_string();
+    assert!(
+        odd.contains("\"a: b\" is not the address of a git repository"),
+        "{odd}"
+    );
+    let again = init(&new, "x", &[], None).unwrap_err().to_string();
     assert!(again.contains("a leaderboard already"), "{again}");
-    let foreign = init(&fixture.path("results"), "x", &[]);
+    let foreign = init(&fixture.path("results"), "x", &[], None);
     assert!(foreign.is_ok(), "not there yet");
     fixture.write("full/notes.txt", "mine");
-    let full = init(&fixture.path("full"), "x", &[])
+    let full = init(&fixture.path("full"), "x", &[], None)
         .unwrap_err()
         .to_string();
     assert!(full.contains("notes.txt"), "{full}");
