@@ -45,8 +45,12 @@ pub struct PublishedRow {
     pub grey: bool,
     /// Evaluated with the crop the table is about.
     pub comparable: bool,
+    /// The group of pixels, under protocols with groups.
+    pub group: Option<Group>,
     /// The seven figures; the thesis prints them all.
     pub metrics: [Option<f64>; 7],
+    /// RMSE over all pixels of all images, metres.
+    pub pooled_rmse: Option<f64>,
     /// Further metrics, where they were printed.
     pub further: [Option<f64>; 5],
     /// The work that the row is taken from, where it is not the thesis.
@@ -209,6 +213,8 @@ fn parse_rows(table: ThesisTable, text: &str) -> Result<Vec<PublishedRow>, CsvEr
             },
             grey: fields.value("grey", "true or false")?,
             comparable: fields.value("comparable", "true or false")?,
+            group: None,
+            pooled_rmse: None,
             metrics: fields
                 .measures(Metric::ALL.map(Metric::name))?
                 .map_or([None; 7], |values| values.map(Some)),
@@ -257,6 +263,8 @@ fn parse_own(text: &str) -> Result<Vec<PublishedRow>, CsvError> {
             grey: false,
             // Nobody has measured the protocols of these works beside the ones here.
             comparable: false,
+            group: None,
+            pooled_rmse: None,
             metrics,
             further,
             source: Some(fields.required("citation")?),

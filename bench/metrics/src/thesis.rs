@@ -109,7 +109,7 @@ impl FromStr for ThesisTable {
 
 /// Text that is no [`ThesisTable`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("there is no table {0:?}; the tables are 3.1, 3.2, 3.3, make3d and eigen-652")]
+#[error("unknown table {0:?}; the tables are 3.1, 3.2, 3.3, make3d and eigen-652")]
 pub struct UnknownTable(pub String);
 
 #[cfg(test)]

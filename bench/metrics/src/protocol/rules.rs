@@ -145,7 +145,7 @@ impl Protocol {
             return Err("D1-all needs ground truth that is disparity".to_owned());
         }
         if self.grouping != Grouping::None && self.ground_truth == GroundTruthKind::Laser {
-            return Err("there are no labels for the laser grid".to_owned());
+            return Err("the laser grid has no labels".to_owned());
         }
         Ok(())
     }

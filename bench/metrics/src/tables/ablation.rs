@@ -56,6 +56,7 @@ pub fn ablation(
                 .to_owned(),
         ],
         resampled: None,
+        has_further: false,
     };
     for ((study, _), part) in found.iter().zip(&parts) {
         // Groups of pixels have tables of their own.

@@ -6,7 +6,7 @@ use super::part::Part;
 use super::table::{Cell, Column, Line, Table, errors, mark_best, plain};
 use crate::metrics::Metric;
 use crate::protocol::Group;
-use crate::published;
+use crate::published::{self, PublishedRow};
 use crate::statistics::{Interval, Summary, summarise};
 
 impl Table {
@@ -120,6 +120,49 @@ impl Table {
              its table has 2.770 against 2.763 without the adversarial term."
                 .to_owned(),
         );
+    }
+}
+
+impl Table {
+    /// Further published methods, each a column behind those of the thesis.
+    pub(super) fn add_published_groups(&mut self, rows: &[PublishedRow]) {
+        let protocol = self.sections.first().map(|one| one.protocol.clone());
+        let own: Vec<&PublishedRow> = rows
+            .iter()
+            .filter(|row| Some(&row.protocol) == protocol.as_ref())
+            .collect();
+        let mut methods: Vec<&str> = Vec::new();
+        for row in &own {
+            if !methods.contains(&row.method.as_str()) {
+                methods.push(&row.method);
+                let source = row.source.as_deref().unwrap_or("no source");
+                let note = format!("{}, published: {source}.", row.method);
+                self.notes.push(note);
+            }
+        }
+        let last = self.columns.iter().rposition(|column| column.published);
+        let at = last.map_or(1, |last| last + 1);
+        // Each goes before those that are there already.
+        for method in methods.into_iter().rev() {
+            let name = format!("{method} (published)");
+            let column = Column {
+                published: true,
+                ..errors(&name, &name, "m")
+            };
+            self.columns.insert(at, column);
+            for (section, is_pooled) in self.sections.iter_mut().zip([false, true]) {
+                for (line, group) in section.lines.iter_mut().zip(Group::SEMANTIC) {
+                    let row = own
+                        .iter()
+                        .find(|row| row.method == method && row.group == Some(group));
+                    let rmse = row.and_then(|row| match is_pooled {
+                        true => row.pooled_rmse,
+                        false => row.metrics[Metric::Rmse as usize],
+                    });
+                    line.cells.insert(at, Cell::figure(rmse));
+                }
+            }
+        }
     }
 }
 

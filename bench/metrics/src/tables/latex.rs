@@ -106,7 +106,7 @@ impl Table {
                 continue;
             }
             let cells = lines().filter_map(|line| line.cells.get(index));
-            let widest = cells.map(|cell| points(&cell.text)).fold(0.0, f64::max);
+            let widest = cells.map(number_points).fold(0.0, f64::max);
             let head = head_lines(column)
                 .iter()
                 .map(|line| points(line))
@@ -242,15 +242,36 @@ fn head(column: &Column) -> String {
     }
 }
 
-/// About the width of a text in Computer Modern of 8 pt, in points; rather more than less.
+/// Widths of the letters from space to tilde in Computer Modern of 8 pt (`cmr8.tfm`, and `cmmi8.tfm`
+/// and `cmsy8.tfm` for those that [`latex`] takes from there), in hundredths of a point.
+#[rustfmt::skip]
+const WIDTHS: [u16; 95] = [
+    283, 236, 425, 708, 425, 708, 661, 236, 331, 331, 425, 661, 236, 283, 236, 425,
+    425, 425, 425, 425, 425, 425, 425, 425, 425, 425, 236, 236, 661, 661, 661, 401,
+    661, 637, 602, 614, 649, 578, 554, 667, 637, 306, 436, 660, 531, 778, 637, 661,
+    578, 661, 625, 472, 614, 637, 637, 873, 637, 637, 519, 236, 425, 236, 425, 306,
+    236, 425, 472, 378, 472, 378, 260, 425, 472, 236, 260, 449, 236, 708, 472, 425,
+    472, 449, 331, 335, 331, 472, 449, 614, 449, 449, 378, 425, 236, 425, 425,
+];
+
+/// Bold letters (`cmbx8.tfm`) are so much wider.
+const BOLD: f64 = 1.155;
+
+/// The width of a text in Computer Modern of 8 pt, in points; that of an em for letters that it lacks.
 fn points(text: &str) -> f64 {
     let width = |letter: char| match letter {
-        '.' | ',' | ':' | ';' | 'i' | 'l' | 'j' | ' ' | '(' | ')' | '[' | ']' | 'f' | 't' => 3.4,
-        'm' | 'w' | 'M' | 'W' | '<' | '±' | '↓' | '↑' | '@' | '%' => 7.6,
-        'A'..='Z' => 6.4,
-        _ => 4.6,
+        ' '..='~' => f64::from(WIDTHS[letter as usize - ' ' as usize]) / 100.0,
+        'δ' | '†' => 3.8,
+        '↓' | '↑' | '²' | '³' => 4.3,
+        '±' => 6.7,
+        _ => 8.5,
     };
     text.chars().map(width).sum()
+}
+
+/// The width of a number as [`number`] prints it.
+fn number_points(cell: &Cell) -> f64 {
+    points(&cell.text) * if cell.best { BOLD } else { 1.0 }
 }
 
 /// Text that LaTeX shows as it is.

@@ -88,6 +88,7 @@ pub fn build_with(
         columns: Vec::new(),
         sections: Vec::new(),
         notes: Vec::new(),
+        has_further: false,
         resampled: parts
             .iter()
             .flat_map(|part| &part.models)

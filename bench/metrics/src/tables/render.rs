@@ -62,6 +62,7 @@ impl Table {
         }
         let printed = match self.id {
             ThesisTable::Eigen652 => "printed in the works cited below",
+            _ if self.has_further => "those printed in the thesis or in the works named below",
             _ => "those printed in the thesis",
         };
         format!(

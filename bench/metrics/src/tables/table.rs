@@ -25,6 +25,9 @@ pub struct Table {
     pub(super) notes: Vec<String>,
     /// What the intervals resample, as "28 drives".
     pub(super) resampled: Option<String>,
+    /// Published numbers were added to those that come with the program.
+    #[serde(skip)]
+    pub(super) has_further: bool,
 }
 
 /// A column of a [`Table`].
@@ -227,9 +230,16 @@ impl Table {
         self
     }
 
-    /// The table with further published lines, in the sections of their protocols. They are not ranked.
+    /// The table with further published lines (columns in table 3.2), in the sections of their protocols.
+    /// They are not ranked.
     #[must_use]
     pub fn with_published(mut self, rows: &[PublishedRow]) -> Self {
+        let mut protocols = self.sections.iter().map(|section| &section.protocol);
+        self.has_further = protocols.any(|own| rows.iter().any(|row| row.protocol == *own));
+        if self.id == ThesisTable::Table32 {
+            self.add_published_groups(rows);
+            return self;
+        }
         for section in &mut self.sections {
             for row in rows.iter().filter(|row| row.protocol == section.protocol) {
                 let cells = self.columns.iter().map(|column| match column.key.as_str() {
