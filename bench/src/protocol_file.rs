@@ -27,7 +27,7 @@ use strat_store::yaml;
 pub enum ProtocolError {
     /// No such name.
     #[error(
-        "there is no protocol \"{0}\"; `bench protocols` lists them, and a file of your own must \
+        "unknown protocol \"{0}\"; `bench protocols` lists them, and a file of your own must \
          end in .yaml"
     )]
     Unknown(String),
@@ -112,7 +112,7 @@ pub fn load(path: &Path) -> Result<Protocol, ProtocolError> {
         None => None,
         Some(base) => Some(protocol(base).ok_or_else(|| {
             problem(format!(
-                "there is no protocol \"{base}\" to start from; `bench protocols` lists them"
+                "unknown protocol \"{base}\" to start from; `bench protocols` lists them"
             ))
         })?),
     };

@@ -53,7 +53,7 @@ fn main() -> Result<()> {
             };
             timed(rest.len(), || pool.install(run))
         }
-        other => bail!("there is no `{other}` to time; choose images or scans"),
+        other => bail!("unknown `{other}`; choose images or scans"),
     }
 }
 

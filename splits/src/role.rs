@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// An unknown split.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("there is no split `{0}`; the splits are `kitti` and `eigen`")]
+#[error("unknown split `{0}`; the splits are `kitti` and `eigen`")]
 pub struct ParseSplitError(String);
 
 /// One of the two ways KITTI raw is divided for unsupervised depth.

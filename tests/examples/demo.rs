@@ -75,7 +75,7 @@ fn main() -> ExitCode {
         if code != 0 {
             eprintln!(
                 "\nThe demo stopped: this step ended with code {code}. What was finished is kept in \
-                 {}; after mending the cause, `cargo demo` goes on from there.",
+                 {}; fix the cause, then `cargo demo` goes on from there.",
                 plan.out.display()
             );
             return ExitCode::from(code);

@@ -21,7 +21,7 @@ pub fn run_command(
         "bench" => |line| strat_bench::cli::main(line),
         _ => {
             return Err(PyValueError::new_err(format!(
-                "there is no command \"{command}\" in this package; there are prep and bench"
+                "unknown command \"{command}\"; this package has prep and bench"
             )));
         }
     };

@@ -36,7 +36,7 @@ impl Meaning {
         let meaning = meaning.ok_or_else(|| {
             let words: Vec<&str> = known.map(OutputMeaning::as_str).collect();
             PyValueError::new_err(format!(
-                "there is no meaning \"{}\"; there are {}",
+                "unknown meaning \"{}\"; known: {}",
                 self.meaning,
                 words.join(", ")
             ))

@@ -76,7 +76,7 @@ impl Rows {
             "csv" => Table::csv,
             _ => {
                 return Err(PyValueError::new_err(format!(
-                    "there is no format \"{format}\"; there are text, markdown, latex and csv"
+                    "unknown format \"{format}\"; known: text, markdown, latex and csv"
                 )));
             }
         };

@@ -63,7 +63,7 @@ impl Set {
         let sample = self
             .of(role)
             .get(index)
-            .ok_or_else(|| PyIndexError::new_err(format!("there is no sample {index}")))?;
+            .ok_or_else(|| PyIndexError::new_err(format!("no sample {index}")))?;
         let item = PyDict::new(py);
         item.set_item("id", &sample.id)?;
         item.set_item("drive", sample.id.split_once('/').map(|(drive, _)| drive))?;

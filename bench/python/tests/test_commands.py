@@ -25,16 +25,16 @@ def test_the_code_of_the_readme_is_python():
 
 
 def test_help_and_exit_codes():
-    assert "Usage: bench COMMAND" in command("bench", "--help").stdout
+    assert "Usage: strat bench COMMAND" in command("bench", "--help").stdout
     assert "Usage: strat bench eval" in command("bench", "eval", "--help").stdout
     assert "Usage: strat prep synth" in command("prep", "synth", "--help").stdout
     assert command("--version").stdout == f"strat {strat.__version__}\n"
     assert "strat prep" in command("--help").stdout
     assert "strat prep" in command(code=2).stderr
     line = ["bench", "--table", "3.3", "--data", "none", "--median-baseline", "--out", "x"]
-    assert "no such folder" in command(*line, code=2).stderr
+    assert "folder not found" in command(*line, code=2).stderr
     assert "cargo install --locked --path train" in command("train", code=2).stderr
-    assert "there is no command `fly`" in command("fly", code=2).stderr
+    assert "unknown command `fly`" in command("fly", code=2).stderr
 
 
 def test_the_script_is_installed():

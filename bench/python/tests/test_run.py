@@ -217,7 +217,7 @@ def test_results_of_another_run_are_left_alone(eigen, tmp_path):
 
 def test_runs_that_cannot_be(sets, eigen, tmp_path):
     for data, words, kind, sentence in [
-        (tmp_path / "none", {}, OSError, "there is no such folder"),
+        (tmp_path / "none", {}, OSError, "folder not found"),
         (eigen, {"protocols": ["kitti2015"]}, ValueError, "stereo 2015 ground truth"),
         (eigen, {"protocols": ["eigen-80-pp"]}, ValueError, "mirrored images"),
         (eigen, {"protocols": "eigen-80"}, ValueError, "a list of names"),

@@ -114,7 +114,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
         let summary = run::render(folder)?;
         print(shown(&summary, args.json)?)?;
         Notes::new(args.runtime.quiet).say(&format!(
-            "figures and summary of {} are drawn anew; sheets of pictures stay",
+            "figures and summary of {} are drawn again; sheets of pictures stay",
             folder.display()
         ));
         return Ok(DONE);
@@ -216,7 +216,7 @@ pub(super) fn run(args: &CuesArgs, arguments: Vec<String>) -> anyhow::Result<u8>
     }
     run::write_failures(out, &failures)?;
     if all_rows.is_empty() {
-        notes.fail("nothing could be measured, so there is no summary".to_owned());
+        notes.fail("nothing could be measured; no summary was written".to_owned());
         return Ok(FAILED);
     }
     rows::write(out, &all_rows)?;

@@ -202,7 +202,7 @@ pub(super) fn conclude(
 ) -> anyhow::Result<(String, u8)> {
     outcome.write(out)?;
     if outcome.rows.is_empty() {
-        eprint_line("error: nothing could be measured, so there is no table");
+        eprint_line("error: nothing could be measured; no table was written");
         return Ok((String::new(), FAILED));
     }
     let look = show.look()?;

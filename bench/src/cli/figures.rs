@@ -240,8 +240,8 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
     }
     if predicts && !drawn.iter().any(Drawn::gives_right_views) {
         notes.note(
-            "no model gives the disparity of the right view for a set with right views, so there is no \
-             sheet of synthesised views",
+            "no model gives the disparity of the right view for a set with right views, so the sheet of \
+             synthesised views was not drawn",
         );
     }
     let mut written = Vec::new();
@@ -258,6 +258,14 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
         }
         print(matching::draw::words(&found.survey))?;
         written.extend(found.written);
+    }
+    if !written.is_empty() {
+        notes.say(&format!(
+            "figures are in {folder} as SVG and PNG, what they show in {folder}/figures.yaml; next: numbers for \
+             them with bench eval --table all --data {} -m MODEL.onnx -o results",
+            args.data.display(),
+            folder = args.out.display()
+        ));
     }
     let record = Record {
         tool: "bench figures",

@@ -106,7 +106,7 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
     if images.is_empty() {
         let folder = args.data.as_ref().or(args.images.as_ref());
         return Err(CliError::Usage(format!(
-            "there are no {} in {}",
+            "no {} in {}",
             if args.data.is_some() {
                 "test images"
             } else {
@@ -188,7 +188,7 @@ pub(super) fn run(args: &LatencyArgs) -> anyhow::Result<u8> {
         }
     }
     if rows.is_empty() {
-        notes.fail("nothing could be measured, so there is no latency.csv".to_owned());
+        notes.fail("nothing could be measured; latency.csv was not written".to_owned());
         return Ok(FAILED);
     }
     files::write_atomic_with(&path, |out| latency::write_rows(&rows, out))?;

@@ -66,7 +66,6 @@ const GROUPS: [(&str, &[&str]); 3] = [
     name = "bench",
     version,
     about = "Evaluates ONNX depth models and saved predictions, and writes the thesis' tables",
-    override_usage = "bench COMMAND [OPTIONS]      (bench COMMAND --help has options and examples)",
     after_long_help = FURTHER_HELP,
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
@@ -141,8 +140,16 @@ Examples:
 
 /// The parser of the command line.
 pub fn command() -> clap::Command {
+    command_of("bench")
+}
+
+/// The parser under the name that the program was started by.
+fn command_of(program: &str) -> clap::Command {
     // The options of `bench --table` are those of `bench eval`, which shows them.
     let command = EvaluateArgs::augment_args(Cli::command())
+        .override_usage(format!(
+            "{program} COMMAND [OPTIONS]      ({program} COMMAND --help has options and examples)"
+        ))
         .mut_args(|arg| match arg.get_id().as_str() {
             "color" | "help" | "version" => arg,
             _ => arg.hide(true),
@@ -176,7 +183,11 @@ fn subcommands(command: &clap::Command) -> String {
 /// clap's derive never finds an optional group of options that contains another, so the options of
 /// `bench --table` are read here, where no subcommand is named.
 fn parse(args: &[OsString], colour: clap::ColorChoice) -> Result<Asked, clap::Error> {
-    let matches = command().color(colour).try_get_matches_from(args)?;
+    // The Python package starts it as `strat bench`.
+    let program = args.first().and_then(|program| program.to_str());
+    let program = program.filter(|program| program.ends_with(" bench"));
+    let command = command_of(program.unwrap_or("bench"));
+    let matches = command.color(colour).try_get_matches_from(args)?;
     Ok(match Cli::from_arg_matches(&matches)?.command {
         Some(Command::Eval(args)) => Asked::Tables(*args),
         Some(command) => Asked::Command(command),

@@ -63,10 +63,15 @@ pub(super) fn run(args: &SetupArgs) -> anyhow::Result<u8> {
     if let Some(root) = &args.dir {
         // A folder of the user's own is found only when it is named.
         eprint_line(format_args!(
-            "to have it found, set STRAT_HOME={} (or ORT_DYLIB_PATH={})",
+            "next: to have it found, set STRAT_HOME={} (or ORT_DYLIB_PATH={})",
             root.display(),
             installed.library.display()
         ));
+    } else {
+        eprint_line(
+            "next: `bench devices` shows what models can run on; bench eval --table all --data SET -m MODEL.onnx \
+             -o results",
+        );
     }
     Ok(DONE)
 }

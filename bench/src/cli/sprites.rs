@@ -47,9 +47,11 @@ pub(super) fn run(args: &SpritesArgs) -> anyhow::Result<u8> {
     }
     if !args.quiet {
         eprint_line(format_args!(
-            "use them with `bench cues --sprites {}`; they are cut from {} images, whose licence they keep",
-            args.out.display(),
-            set.manifest.source
+            "they are cut from {} images, whose licence they keep; next: bench cues --data {} -m MODEL.onnx \
+             --sprites {} -o cues",
+            set.manifest.source,
+            args.data.display(),
+            args.out.display()
         ));
     }
     Ok(if found.failures.is_empty() {

@@ -22,11 +22,14 @@ pub(super) fn run(args: &VerifyArgs) -> anyhow::Result<u8> {
         eprint_line(format_args!("error: {sentence}"));
     }
     print(format_args!(
-        "{} measured lines follow from their rows to the last digit, {} published lines are the \
-         thesis', {} lines are not as they should be\n",
+        "{}: {} measured lines follow from their rows to the last digit, {} published lines are those of \
+         the thesis\n",
+        match outcome.bad.len() {
+            1 => "1 mismatch".to_owned(),
+            count => format!("{count} mismatches"),
+        },
         outcome.good,
-        outcome.published,
-        outcome.bad.len()
+        outcome.published
     ))?;
     Ok(if outcome.bad.is_empty() { DONE } else { FAILED })
 }

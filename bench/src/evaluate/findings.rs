@@ -103,7 +103,7 @@ fn dead(name: &str, rows: &[Row]) -> Option<String> {
     dead.first().map(|first| {
         format!(
             "DEAD OUTPUT: model {name} gives no disparity above the floor in {} of {} images, such as \
-             {first}; its figures say nothing about depth",
+             {first}; its numbers say nothing about depth",
             dead.len(),
             images_in(rows)
         )

@@ -421,7 +421,7 @@ impl Drawn {
     fn synthesis(&self, image: &str) -> Shown<&Synthesis> {
         match self.syntheses.get(image) {
             Some(shown) => shown.as_ref().map_err(Clone::clone),
-            None => Err("there is no right view".to_owned()),
+            None => Err("no right view".to_owned()),
         }
     }
 

@@ -82,7 +82,7 @@ pub fn jobs(inputs: &[PathBuf], out: &Path) -> Result<(Vec<ImageJob>, Vec<String
         let found = images::below(input)?;
         if found.images.is_empty() {
             return Err(CliError::Failed(format!(
-                "there are no PNG or JPEG images in {}{}",
+                "no PNG or JPEG images in {}{}",
                 input.display(),
                 found
                     .skipped()

@@ -100,12 +100,12 @@ pub fn advice(description: &Description, camera: Option<StereoCamera>) -> Option
         None
     } else if meaning.has_scale() {
         Some(
-            "without --focal-px and --baseline-m there is no depth, only disparity; with both, --format exr, \
+            "without --focal-px and --baseline-m only disparity is written; with both, --format exr, \
              png16 and ply hold metres",
         )
     } else {
         Some(
-            "this model's numbers have no known scale, so there is no depth in metres (no exr, png16 or ply); \
+            "this model's numbers have no known scale, so depth in metres (exr, png16, ply) cannot be written; \
              `scale` in its description would say how many metres the unit is",
         )
     }

@@ -20,7 +20,7 @@ pub enum ModelError {
     DescriptionFile(strat_store::Error),
     /// Nobody says what the tensors mean.
     #[error(
-        "{} does not say what its tensors mean, and there is no description at {}; \
+        "{} does not say what its tensors mean, and {} is missing; \
          `bench describe` drafts one from the file, for you to confirm",
         model.display(), yaml.display()
     )]

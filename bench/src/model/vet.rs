@@ -75,14 +75,14 @@ pub fn vet(model: &mut Model, tested: Option<Tested<'_>>) -> Result<Vetting, Mod
             }
             Leakage::Drives { drives, images } => vetting.warnings.push(format!(
                 "LEAKAGE: model {name} was trained on drives that {images} of the {} test images \
-                 come from ({}); its figures are no measure of anything new and must not be compared",
+                 come from ({}); its numbers say nothing about new places and must not be compared",
                 samples.len(),
                 drives.join(", ")
             )),
             Leakage::OtherSplit { trained } => vetting.warnings.push(format!(
                 "LEAKAGE: model {name} was trained on the {trained} split and is tested on the \
                  {content} split; drives of its training may be among the test images, so its \
-                 figures are no measure of anything new and must not be compared"
+                 numbers say nothing about new places and must not be compared"
             )),
             Leakage::Unknown => vetting.notes.push(format!(
                 "model {name} does not say all that it was trained on, so leakage cannot be checked"
@@ -98,8 +98,8 @@ pub fn vet(model: &mut Model, tested: Option<Tested<'_>>) -> Result<Vetting, Mod
     vetting.probe = model.probe()?;
     match vetting.probe {
         None => vetting.notes.push(format!(
-            "model {name} carries no probe; whether this runtime computes what was trained is not \
-             checked"
+            "model {name} has no self-test (normal for third-party models), so whether this runtime \
+             computes what was trained is not checked"
         )),
         Some(result) if result.passes() => vetting.notes.push(format!(
             "model {name} on {}: largest difference to the trainer's own output {:.1e}",
@@ -109,7 +109,7 @@ pub fn vet(model: &mut Model, tested: Option<Tested<'_>>) -> Result<Vetting, Mod
         Some(result) => vetting.warnings.push(format!(
             "PROBE FAILED: model {name} on {} differs from the trainer's own output by {:.1e} (more \
              than {PROBE_TOLERANCE:.0e}); this runtime does not compute what was trained, so trust \
-             neither figures nor maps",
+             neither numbers nor maps",
             model.provider(),
             result.max_difference
         )),

@@ -27,11 +27,11 @@ const DEEPEST: usize = 4;
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
     /// No such folder.
-    #[error("there is no folder of results at {}", .0.display())]
+    #[error("results folder not found: {}", .0.display())]
     NoFolder(PathBuf),
     /// Nothing to report.
     #[error(
-        "there are no results below {}: no folder with rows.csv, latency.csv or cues.csv; \
+        "no results below {}: no folder with rows.csv, latency.csv or cues.csv; \
          `bench --table all --data SET --model MODEL.onnx --out {folder}` makes some",
         .0.display(), folder = .0.display()
     )]

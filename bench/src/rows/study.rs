@@ -329,7 +329,7 @@ fn needed(one: &Difference, known: &Certainty, part: &Part, effect: f64) -> Stri
             counted(u64::from(seeds), "seed"),
             counted(u64::from(drives), unit)
         ),
-        (None, None, None) => "more than can be had".to_owned(),
+        (None, None, None) => "no number of seeds and drives tried was enough".to_owned(),
     };
     format!("To find {effect}: {way}.")
 }

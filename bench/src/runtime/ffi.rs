@@ -146,7 +146,7 @@ pub enum CudaUnavailable {
     NoDevice,
     /// A device beyond the last one.
     #[error(
-        "there is no NVIDIA device {index}: the driver shows {devices}, counted from 0; \
+        "NVIDIA device {index} does not exist: the driver shows {devices}, counted from 0; \
          CUDA_VISIBLE_DEVICES may hide others"
     )]
     NoSuchDevice {

@@ -38,7 +38,7 @@ const CUDA_REQUIREMENTS: [&str; 7] = [
 pub enum SetupError {
     /// Neither `STRAT_HOME` nor a home folder is known.
     #[error(
-        "there is no folder to install into: neither STRAT_HOME nor a home folder is set; \
+        "no folder to install into: neither STRAT_HOME nor a home folder is set; \
          name one with `bench setup --dir DIR`"
     )]
     NoHome,

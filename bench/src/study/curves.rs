@@ -311,7 +311,7 @@ fn epochs(path: &Path) -> Result<Epochs, String> {
         return Ok(Epochs::new());
     }
     let Some(epoch_at) = header.iter().position(|name| name == "epoch") else {
-        return Err(problem(&"there is no column `epoch`"));
+        return Err(problem(&"column `epoch` is missing"));
     };
     let mut sums: BTreeMap<u64, BTreeMap<usize, (f64, f64)>> = BTreeMap::new();
     for line in reader.records() {

@@ -318,7 +318,7 @@ fn broken_models_are_sentences_and_the_good_one_counts() {
         .says("is not a complete ONNX model")
         .says("model cut: ")
         .says("git lfs pull")
-        .says("there is no description at")
+        .says("is missing")
         .says("model missing: cannot read the model");
     assert_eq!(world.rows("out").len(), 2);
     assert!(ran.out.contains("good"), "{}", ran.out);
@@ -517,7 +517,7 @@ fn a_missing_or_unfinished_set_is_named() {
     world
         .bench("3.1", "out", &["--median-baseline"])
         .code(2)
-        .says("there is no such folder");
+        .says("folder not found");
 }
 
 #[test]

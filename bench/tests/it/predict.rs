@@ -209,7 +209,7 @@ fn without_a_camera_there_is_disparity_only() {
     world
         .predict(&model, &["--format", "npy,png16,color", "--force"])
         .code(0)
-        .says("there is no depth, only disparity");
+        .says("only disparity is written");
     let (_, values) = npy::read(&world.path("out/a.npy"));
     assert!((values[0] - 4.96).abs() < 1e-5);
     let (_, _, values) = image_files::read_gray16(&world.path("out/a.disparity.png")).unwrap();
@@ -359,7 +359,7 @@ fn names_that_collide_are_refused_before_anything_is_written() {
     world
         .predict(&world.constant(), &["--format", "npy", &empty])
         .code(1)
-        .says("there are no PNG or JPEG images in");
+        .says("no PNG or JPEG images in");
     let photos = world.text("photos");
     let inside = world.text("photos/out");
     let model = world.constant();

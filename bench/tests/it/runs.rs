@@ -188,7 +188,7 @@ fn a_folder_of_pictures_is_read_by_the_names_of_the_images() {
     world
         .bench("3.1", "none", &asked)
         .code(1)
-        .says("there is no description at");
+        .says("is missing");
     fs::write(folder.join("predictions.yaml"), "meaning: disparity_px\n").unwrap();
     world.bench("3.1", "out", &asked).code(0);
     let rows = world.rows("out");

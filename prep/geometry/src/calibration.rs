@@ -12,7 +12,7 @@ use std::collections::HashMap;
 pub enum CalibrationError {
     /// A needed line is not there.
     #[error(
-        "there is no line `{key}: ...` ({numbers} numbers), so this is not a complete {file} file"
+        "line `{key}: ...` ({numbers} numbers) is missing, so this is not a complete {file} file"
     )]
     Missing {
         /// The key looked for.
@@ -278,7 +278,7 @@ delta_f: 0.000000e+00 0.000000e+00
         let error = CamToCam::parse(VELO).unwrap_err().to_string();
         assert_eq!(
             error,
-            "there is no line `S_rect_02: ...` (2 numbers), so this is not a complete calib_cam_to_cam file"
+            "line `S_rect_02: ...` (2 numbers) is missing, so this is not a complete calib_cam_to_cam file"
         );
         assert!(matches!(
             VeloToCam::parse(CAM),

@@ -113,5 +113,28 @@ pub(super) fn export(args: &ExportArgs) -> Result<u8, CliError> {
             done.clipped
         ));
     }
+    if done.frames > 0 {
+        eprint_line(next_step(args.format, &done));
+    }
     Ok(if done.failed.is_empty() { DONE } else { FAILED })
+}
+
+/// How another program reads what was written.
+fn next_step(format: Format, done: &export::Exported) -> String {
+    let target = done.target.display();
+    match format {
+        Format::Npz => format!(
+            "next: in Python, numpy.load(\"{target}\")[ID] has metres, 0 where nothing was measured"
+        ),
+        Format::Npy => format!(
+            "next: in Python, numpy.load(\"{target}/ID.npy\") has metres, 0 where nothing was measured"
+        ),
+        Format::Png16 => format!(
+            "next: in Python, cv2.imread(\"{target}/ID.png\", cv2.IMREAD_UNCHANGED) / 256 has metres, 0 where nothing \
+             was measured"
+        ),
+        Format::Monodepth2 => format!(
+            "next: copy {target} to splits/eigen of monodepth2, whose evaluate_depth.py reads it there"
+        ),
+    }
 }

@@ -60,7 +60,7 @@ fn look_through(root: &Path) -> Result<Frames<Files>> {
     let left_root = root.join("leftImg8bit");
     if !left_root.is_dir() {
         return Err(wrong(
-            "there is no folder leftImg8bit in it; give the folder into which the archives of Cityscapes \
+            "it has no folder leftImg8bit; give the folder into which the archives of Cityscapes \
              were unpacked"
                 .to_owned(),
         ));
@@ -105,7 +105,7 @@ fn look_through(root: &Path) -> Result<Frames<Files>> {
             return Err(wrong(failure.problem.clone()));
         }
         return Err(wrong(
-            "there are no images leftImg8bit/<train|train_extra|val|test>/<city>/*_leftImg8bit.png in it"
+            "no images leftImg8bit/<train|train_extra|val|test>/<city>/*_leftImg8bit.png in it"
                 .to_owned(),
         ));
     }
@@ -127,7 +127,7 @@ fn look_through(root: &Path) -> Result<Frames<Files>> {
     })
 }
 
-/// Names in a folder, sorted; none where there is no such folder.
+/// Names in a folder, sorted; none where the folder does not exist.
 fn names(folder: &Path) -> std::result::Result<Vec<String>, String> {
     match std::fs::metadata(folder) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),

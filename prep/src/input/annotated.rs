@@ -53,7 +53,7 @@ impl AnnotatedFolder {
                 return Err(wrong(format!("none of its entries fits; {layout}")));
             }
         } else if !root.exists() {
-            return Err(wrong(format!("there is no such folder; {layout}")));
+            return Err(wrong(format!("folder not found; {layout}")));
         } else if !PARTS.iter().any(|part| root.join(part).is_dir()) {
             return Err(wrong(format!("neither is there; {layout}")));
         }

@@ -103,7 +103,7 @@ impl RawFolder {
             found.add_archive(root).map_err(wrong)?;
             if found.days.is_empty() {
                 return Err(wrong(
-                    "this archive is none of KITTI raw: it holds no recording day, e.g. \
+                    "this is not an archive of KITTI raw: it holds no recording day, e.g. \
                      2011_09_26/2011_09_26_drive_0001_sync"
                         .to_owned(),
                 ));
@@ -396,7 +396,7 @@ pub(crate) const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 fn list(folder: &Path) -> std::io::Result<Vec<String>> {
     if !folder.exists() {
         return Err(std::io::Error::other(
-            "there is no such folder; give the one that holds KITTI raw's recording days, e.g. \
+            "folder not found; give the one that holds KITTI raw's recording days, e.g. \
              2011_09_26",
         ));
     }
@@ -475,7 +475,7 @@ fn explain(root: &Path, entries: &[String]) -> String {
     }
     if let Some(archive) = entries.iter().find(|name| source::is_archive(name)) {
         return format!(
-            "{LAYOUT}, or the archives as KITTI ships them; {archive} is none of KITTI raw"
+            "{LAYOUT}, or the archives as KITTI ships them; {archive} is not an archive of KITTI raw"
         );
     }
     if entries.iter().any(|name| name == "training") {

@@ -58,7 +58,7 @@ impl SceneFolder {
         };
         if !root.exists() {
             return Err(wrong(format!(
-                "there is no such folder; give the one that holds training/{}",
+                "folder not found; give the one that holds training/{}",
                 needed.join(", training/")
             )));
         }

@@ -296,7 +296,7 @@ impl Planes {
     pub fn plane(&mut self, index: usize) -> Result<Vec<f32>, String> {
         if index >= self.count {
             return Err(format!(
-                "it has {} maps, so there is no number {index}",
+                "it has {} maps, counted from 0, so index {index} does not exist",
                 self.count
             ));
         }

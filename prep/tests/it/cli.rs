@@ -73,8 +73,8 @@ fn wrong_input_folders_are_explained() {
     );
     let deeper = format!("one folder deeper: --raw {}", world.path("raw").display());
     for (name, parts) in [
-        ("nowhere", &["there is no such folder"][..]),
-        ("raw/RENDERED", &["there is no such folder"]),
+        ("nowhere", &["folder not found"][..]),
+        ("raw/RENDERED", &["folder not found"]),
         ("raw/2011_09_26/calib_cam_to_cam.txt", &["this is a file"]),
         (
             "archives/2011_09_26_drive_0001_sync.zip",
@@ -94,7 +94,7 @@ fn wrong_input_folders_are_explained() {
         assert_has(&outcome.stderr, parts);
     }
     for (name, part) in [
-        ("nowhere", "there is no such folder"),
+        ("nowhere", "folder not found"),
         ("empty", "the folder is empty"),
         ("stereo/training", "Give the folder above it"),
         (

@@ -98,7 +98,7 @@ fn one_archive_can_be_the_raw_data() {
     world.pack("stereo", &["training"], "other.zip");
     let outcome = world.kitti_from("other.zip", "stereo", "none");
     assert_eq!(outcome.code, 2);
-    assert_has(&outcome.stderr, &["this archive is none of KITTI raw"]);
+    assert_has(&outcome.stderr, &["this is not an archive of KITTI raw"]);
     let outcome = world.kitti_from("kitti.zip", "kitti.zip", "none");
     assert_eq!(outcome.code, 2);
     assert_has(&outcome.stderr, &["--stereo2015", "data_scene_flow.zip"]);

@@ -309,7 +309,10 @@ fn annotated_depth_goes_to_test_and_validation() {
             .map(|out| std::fs::read(world.path(&format!("{out}/{table}"))).unwrap());
         assert!(a == b, "{table}");
     }
-    for (name, part) in [("nowhere", "no such folder"), ("raw", "looked for train/")] {
+    for (name, part) in [
+        ("nowhere", "folder not found"),
+        ("raw", "looked for train/"),
+    ] {
         let outcome = run(name, "none");
         assert_eq!(outcome.code, 2);
         assert_has(

@@ -58,7 +58,7 @@ fn configuration(args: &TrainArgs) -> Result<Config, CliError> {
             let path = out.join("config.yaml");
             if !path.exists() {
                 return Err(CliError::Usage(format!(
-                    "no training run in {}: there is no config.yaml, so nothing can be resumed",
+                    "no training run in {}: config.yaml is missing, so nothing can be resumed",
                     out.display()
                 )));
             }

@@ -143,7 +143,7 @@ impl Config {
 pub(super) fn no_such_config(name: &str) -> String {
     let names: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
     format!(
-        "there is no configuration `{name}`: it is neither a file nor one of {}",
+        "unknown configuration `{name}`: it is neither a file nor one of {}",
         names.join(", ")
     )
 }

@@ -115,7 +115,7 @@ fn unknown_key(key: &str, part: &str, known: &[String]) -> String {
     }
     let hint = nearest(part, known.iter().map(String::as_str));
     format!(
-        "unknown setting `{key}`: there is no `{part}`{hint}; known here: {}",
+        "unknown setting `{key}`: no `{part}`{hint}; known here: {}",
         known.join(", ")
     )
 }

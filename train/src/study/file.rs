@@ -70,7 +70,7 @@ impl StudyFile {
         if !Path::new(source).exists() {
             let names = BUILT_IN.map(|(name, _)| name);
             return Err(Error::Study(format!(
-                "there is no study `{source}`: it is neither a file nor one of {}",
+                "unknown study `{source}`: it is neither a file nor one of {}",
                 names.join(", ")
             )));
         }

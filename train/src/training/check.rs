@@ -154,7 +154,7 @@ impl Findings {
                 "the device {} computes the {part} wrong: {}{others} differs from the cpu's by {:.1e}, \
                  and {:.0e} is allowed. What it trains could not be trusted, so it trains nothing; use \
                  another device or driver. `train check --device {}` shows all differences, --no-check \
-                 trains all the same",
+                 trains anyway",
                 self.device,
                 last.name,
                 last.value,

@@ -167,7 +167,7 @@ impl RunFolder {
                 reason: if self.path(CONFIG).exists() {
                     "it was ended before its first step; start it again without --resume".to_owned()
                 } else {
-                    format!("there is no {RUN}, so nothing can be resumed")
+                    format!("{RUN} is missing, so nothing can be resumed")
                 },
             });
         }
@@ -225,7 +225,7 @@ impl RunFolder {
         if !path.exists() {
             return Err(Error::NoRun {
                 folder: self.root.clone(),
-                reason: format!("there is no {CONFIG}"),
+                reason: format!("{CONFIG} is missing"),
             });
         }
         Ok(strat_store::yaml::load(&path)?)

@@ -67,7 +67,7 @@ fn wrong_usage_is_code_2_with_a_sentence() {
         (format!("--config demo --data {here}"), "--out"),
         (
             format!("--config demo --data {here}/none --out {here}/run"),
-            "no such folder",
+            "folder not found",
         ),
         (
             format!("--config demo --data {here} --out {here}/run --device gpu"),

@@ -327,7 +327,7 @@ fn mistakes_are_told_before_any_work() {
         (
             text.replace("  strat:\n", "  strat: {epoch: 3}\n"),
             &[],
-            "variant `strat`: unknown setting `epoch`: there is no `epoch` (did you mean `epochs`?)",
+            "variant `strat`: unknown setting `epoch`: no `epoch` (did you mean `epochs`?)",
         ),
         (text.clone(), &["--only", "strat@7"], "no run strat@7"),
         (text.clone(), &["--index", "4"], "has 4 runs"),

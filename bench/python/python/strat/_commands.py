@@ -52,6 +52,6 @@ def main(arguments: list[str] | None = None) -> int:
             sys.stderr.write(_HELP)
             return 2
         case [other, *_]:
-            sys.stderr.write(f"error: there is no command `{other}`; there are prep and bench\n")
+            sys.stderr.write(f"error: unknown command `{other}`; this package has prep and bench\n")
             return 2
     return 2

@@ -89,7 +89,7 @@ def evaluate_all(
     :raises TypeError: an argument of another name.
     """
     for name in options.keys() - Options.__annotations__.keys():
-        raise TypeError(f'there is no argument "{name}"; there are {", ".join(Options.__annotations__)}')
+        raise TypeError(f'unknown argument "{name}"; known: {", ".join(Options.__annotations__)}')
     if isinstance(protocols, str):
         raise ValueError(f'protocols are a list of names; write ["{protocols}"]')
     truth_meaning = options.get("truth_meaning", "depth_m")

@@ -24,7 +24,7 @@ pub enum SavedError {
     },
     /// Nobody says what the numbers mean.
     #[error(
-        "{} does not say what its numbers mean, and there is no description at {}; write one such \
+        "{} does not say what its numbers mean, and {} is missing; write one such \
          as `meaning: disparity_fraction`, see `bench --help`",
         path.display(), yaml.display()
     )]

@@ -106,7 +106,7 @@ impl Columns {
                 .find(|known| **known == name);
             let Some(known) = known else {
                 return Err(format!(
-                    "line 1: there is no column `{name}`; the columns are {} and, if wanted, {}, separated \
+                    "line 1: column `{name}` is missing; the columns are {} and, if wanted, {}, separated \
                      by commas",
                     REQUIRED.join(", "),
                     OPTIONAL.join(", ")

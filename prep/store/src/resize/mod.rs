@@ -48,7 +48,7 @@ pub enum Kernel {
 /// A name that is no kernel.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "there is no resize kernel `{0}`; the kernels are `area`, `bilinear` (or `opencv-linear`), `lanczos3`, \
+    "unknown resize kernel `{0}`; the kernels are `area`, `bilinear` (or `opencv-linear`), `lanczos3`, \
      `opencv-cubic` and `pillow-bicubic`"
 )]
 pub struct ParseKernelError(String);

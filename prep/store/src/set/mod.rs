@@ -45,7 +45,7 @@ impl PreparedSet {
         };
         if !root.is_dir() {
             return Err(wrong(
-                "there is no such folder; give the folder that `prep ... --out` wrote".to_owned(),
+                "folder not found; give the folder that `prep ... --out` wrote".to_owned(),
             ));
         }
         let path = root.join(MANIFEST);
@@ -286,7 +286,7 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(
-            missing.contains("none") && missing.contains("no such folder"),
+            missing.contains("none") && missing.contains("folder not found"),
             "{missing}"
         );
         assert!(problem().contains("has no manifest.yaml"));
