@@ -48,14 +48,20 @@ impl Failures {
 fn without_names(sentence: &str, name: &str) -> String {
     let stem = name.rsplit('/').next().unwrap_or(name);
     let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
-    let words = sentence.split(' ').map(|word| {
-        if !stem.is_empty() && word.contains(stem) {
-            "..."
-        } else {
-            word
-        }
+    let words = sentence.split(' ').map(|word| match holds(word, stem) {
+        true => "...",
+        false => word,
     });
     words.collect::<Vec<_>>().join(" ")
+}
+
+/// Whether a word holds a name that is not a part of another name or number.
+fn holds(word: &str, name: &str) -> bool {
+    let goes_on = |c: Option<char>| c.is_some_and(char::is_alphanumeric);
+    word.match_indices(name).any(|(at, _)| {
+        let (before, after) = (&word[..at], &word[at + name.len()..]);
+        !name.is_empty() && !goes_on(before.chars().next_back()) && !goes_on(after.chars().next())
+    })
 }
 
 #[cfg(test)]
@@ -78,5 +84,14 @@ mod tests {
             failures.repeated(),
             ["4 failed like this (a/1, a/2, b/3, ...): cannot read ... it is not there"]
         );
+    }
+
+    #[test]
+    fn a_number_that_holds_a_name_is_no_name() {
+        let mut failures = Failures::default();
+        let full = "no memory for 80000000000 bytes";
+        assert!(failures.add("kitti2015/000000", full).is_some());
+        assert_eq!(failures.add("kitti2015/000001", full), None);
+        assert_eq!(failures.repeated().len(), 1);
     }
 }
