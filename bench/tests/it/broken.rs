@@ -22,6 +22,8 @@ pub enum Fault {
     Loops,
     /// Numbers for nothing, this many.
     Fills(i64),
+    /// The output is enlarged to this many rows and columns.
+    Grows(i64),
 }
 
 /// Puts a faulty layer behind a network's output.
@@ -115,6 +117,21 @@ pub fn spoil(bytes: &[u8], fault: Fault) -> Vec<u8> {
                 node("Add", &["sound", "nothing"], "disparity", Vec::new()),
             ]);
         }
+        Fault::Grows(side) => {
+            graph.initializer.push(TensorProto {
+                dims: vec![4],
+                data_type: Some(data_type::INT64),
+                int64_data: vec![1, 1, side, side],
+                name: Some("size".to_owned()),
+                ..TensorProto::default()
+            });
+            let maximum = node("GlobalMaxPool", &["sound"], "one", Vec::new());
+            let expand = node("Expand", &["one", "size"], "disparity", Vec::new());
+            graph.node.extend([maximum, expand]);
+            for output in &mut graph.output {
+                output.r#type.as_mut().unwrap().value = None;
+            }
+        }
         Fault::Reshape(shape) => {
             graph.initializer.push(TensorProto {
                 dims: vec![4],
@@ -151,19 +168,36 @@ fn typed(name: &str, kind: i32, dims: Option<Vec<Dimension>>) -> ValueInfoProto 
 
 /// Fixes the first dimension of the input and the output at 1.
 pub fn fix_batch(bytes: &[u8]) -> Vec<u8> {
-    use strat_onnx::proto::{dimension, type_proto};
     let mut model = ModelProto::decode(bytes).unwrap();
     let graph = model.graph.as_mut().unwrap();
     for info in graph.input.iter_mut().chain(&mut graph.output) {
-        let Some(type_proto::Value::TensorType(tensor)) =
-            info.r#type.as_mut().and_then(|kind| kind.value.as_mut())
-        else {
-            panic!("not a tensor");
-        };
-        let shape = tensor.shape.as_mut().unwrap();
-        shape.dim[0].value = Some(dimension::Value::DimValue(1));
+        declare(info, &[(0, 1)]);
     }
     model.encode_to_vec()
+}
+
+/// Declares an input, and an output, of this many rows and columns.
+pub fn with_input(bytes: &[u8], side: i64) -> Vec<u8> {
+    let mut model = ModelProto::decode(bytes).unwrap();
+    let graph = model.graph.as_mut().unwrap();
+    for info in graph.input.iter_mut().chain(&mut graph.output) {
+        declare(info, &[(2, side), (3, side)]);
+    }
+    model.encode_to_vec()
+}
+
+/// Fixes dimensions of a value.
+fn declare(info: &mut ValueInfoProto, sizes: &[(usize, i64)]) {
+    use strat_onnx::proto::dimension;
+    let Some(type_proto::Value::TensorType(tensor)) =
+        info.r#type.as_mut().and_then(|kind| kind.value.as_mut())
+    else {
+        panic!("not a tensor");
+    };
+    let shape = tensor.shape.as_mut().unwrap();
+    for &(at, size) in sizes {
+        shape.dim[at].value = Some(dimension::Value::DimValue(size));
+    }
 }
 
 /// Writes a spoilt network, with metadata and without a probe.

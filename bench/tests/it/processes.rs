@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use strat_splits::Split;
 
 use crate::{
-    broken::{Fault, write_spoilt},
+    broken::{Fault, with_input, write_spoilt},
     command::{bench_with, text},
     fixtures::{metadata, network, onnxruntime, write_model},
     world::World,
@@ -122,6 +122,51 @@ fn every_command_survives_a_crash() {
     let quick = ["--seconds", "0", "--queries", "1", "--threads", "1"];
     let latency = ["latency", "--model", &a, "--data", &set];
     crash(&[&latency[..], &quick].concat(), "abort@3");
+}
+
+/// A network whose input is declared to be 100,000 pixels wide and high, and one whose output becomes so: what
+/// they would need is 120 GB and 40 GB.
+#[test]
+fn a_model_of_impossible_size_costs_one_sentence() {
+    let (world, _, b) = world();
+    let wide = world.path("wide.onnx");
+    let plain = network(0.04, 0.1, Some(&metadata("eigen")));
+    std::fs::write(&wide, with_input(&plain, 100_000)).unwrap();
+    let described = world.path("described.onnx");
+    std::fs::write(&described, with_input(&network(0.04, 0.1, None), 100_000)).unwrap();
+    std::fs::write(
+        world.path("described.yaml"),
+        "input: {width: 100000, height: 100000, range: 0..1}\noutput: {meaning: disparity_fraction}\n",
+    )
+    .unwrap();
+    let grown = write_spoilt(
+        world.folder.path(),
+        "grown",
+        &metadata("eigen"),
+        Fault::Grows(100_000),
+    );
+    let mut runtimes = vec!["embedded"];
+    runtimes.extend(onnxruntime().map(|_| "ort"));
+    for runtime in runtimes {
+        for (model, sentence) in [
+            (text(&wide), "has the shape [N, 3, 100000, 100000], but"),
+            (text(&described), "its input of 100000x100000 has more than"),
+            (grown.clone(), "model grown, image "),
+        ] {
+            let out = format!("{runtime}-{}", model.rsplit('/').next().unwrap());
+            let ran = table(
+                &world,
+                &out,
+                &[&model, &b],
+                &["--runtime", runtime, "--quiet"],
+                "",
+            );
+            ran.code(1);
+            let flat = ran.err.replace("error: grown, ", "error: model grown, ");
+            assert_eq!(flat.matches(sentence).count(), 1, "{runtime}: {}", ran.err);
+            assert_eq!(counted(&world, &out), BTreeMap::from([("b".to_owned(), 3)]));
+        }
+    }
 }
 
 #[test]
