@@ -13,9 +13,12 @@ use super::{
     args::{ReplaceArgs, ShowArgs},
     evaluate::conclude,
 };
-use crate::evaluate::{
-    ownership::{self, MARK},
-    shards,
+use crate::{
+    evaluate::{
+        ownership::{self, MARK},
+        shards,
+    },
+    notes::Notes,
 };
 
 #[derive(Debug, Args)]
@@ -38,7 +41,7 @@ pub(super) struct MergeArgs {
 
 pub(super) fn run(args: &MergeArgs) -> anyhow::Result<u8> {
     let earlier = ownership::earlier_results(&args.out, &[])?;
-    let outcome = shards::merge(&args.out)?;
+    let (outcome, said) = shards::merge(&args.out)?;
     let earlier = earlier.filter(|_| !args.replace.force);
     if let Some(what) = earlier.and_then(|earlier| ownership::loses(&earlier, &outcome.record)) {
         return Err(ownership::refuse(&args.out, &what).into());
@@ -50,6 +53,8 @@ pub(super) fn run(args: &MergeArgs) -> anyhow::Result<u8> {
         .iter()
         .filter_map(|name| name.parse().ok())
         .collect();
+    let mut notes = Notes::new(args.quiet);
+    said.into_iter().for_each(|remark| remark.say(&mut notes));
     let (tables, code) = conclude(&outcome, &args.out, &tables, &args.show, args.quiet)?;
     for path in Shard::remove_all(&args.out, ownership::is_of_part)? {
         eprint_line(format_args!(

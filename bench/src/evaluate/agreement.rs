@@ -185,30 +185,6 @@ impl Agreement {
         }
         doubts
     }
-
-    /// The parts of a divided run together.
-    #[must_use]
-    pub fn joined(self, other: Self) -> Self {
-        let (a, b) = (self.images as f64, other.images as f64);
-        let pooled = |x: Option<f64>, y: Option<f64>| match (x, y) {
-            (Some(x), Some(y)) => Some((a * x + b * y) / (a + b)),
-            (x, y) => x.or(y),
-        };
-        let mean = pooled(self.median_ratio, other.median_ratio);
-        let square = |part: &Self| {
-            let (ratio, deviation) = (part.median_ratio?, part.median_ratio_deviation?);
-            Some(ratio.powi(2) + deviation.powi(2))
-        };
-        let deviation = pooled(square(&self), square(&other))
-            .zip(mean)
-            .map(|(square, mean)| (square - mean.powi(2)).max(0.0).sqrt());
-        Self {
-            images: self.images + other.images,
-            median_ratio: mean,
-            median_ratio_deviation: deviation,
-            rank_correlation: pooled(self.rank_correlation, other.rank_correlation),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -275,19 +251,5 @@ mod tests {
         let reversed = of(&[500.0, 510.0], -0.95).doubts().join("\n");
         assert!(reversed.contains("the reverse"), "{reversed}");
         assert!(!of(&[1.0], 0.1).doubts().is_empty());
-    }
-
-    #[test]
-    fn parts_join_to_the_whole() {
-        let (a, b) = (of(&[1.0, 2.0], 0.5), of(&[3.0], 0.8));
-        let (whole, joined) = (of(&[1.0, 2.0, 3.0], 0.6), a.joined(b));
-        let close = |a: Option<f64>, b: Option<f64>| (a.unwrap() - b.unwrap()).abs() < 1e-12;
-        assert_eq!(joined.images, 3);
-        assert!(close(joined.median_ratio, whole.median_ratio));
-        assert!(close(
-            joined.median_ratio_deviation,
-            whole.median_ratio_deviation
-        ));
-        assert!(close(joined.rank_correlation, whole.rank_correlation));
     }
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use strat_metrics::Row;
 
 use super::agreement::Agreement;
+use crate::notes::Notes;
 
 /// What there is to say about the rows of one predictor.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -15,6 +16,17 @@ pub enum Remark {
     Note(String),
     /// Something that makes its rows doubtful.
     Warning(String),
+}
+
+impl Remark {
+    /// Says it.
+    pub fn say(self, notes: &mut Notes) {
+        match self {
+            Self::Figure(text) => notes.say(&text),
+            Self::Note(text) => notes.note(&text),
+            Self::Warning(text) => notes.warn(text),
+        }
+    }
 }
 
 /// All that there is to say about the rows of one predictor, whose agreement is not doubted again where it

@@ -462,6 +462,7 @@ impl InMemoryRun {
             record,
             rows,
             failures,
+            agreed: Vec::new(),
         }
     }
 

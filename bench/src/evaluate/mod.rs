@@ -15,9 +15,10 @@
 //! Not here: metrics and rules ([`strat_metrics`]), and what a model's tensors mean
 //! ([`crate::model`]).
 
+pub mod agreed;
 pub mod agreement;
 pub mod comparison;
-mod findings;
+pub mod findings;
 pub mod fitting;
 pub mod identity;
 pub mod in_memory;
@@ -206,6 +207,8 @@ pub struct Evaluation {
     pub comparisons: Vec<Comparison>,
     /// How depth lies beside the truth, by the ids of images, for those that could be scored.
     pub agreements: Vec<(String, ImageAgreement)>,
+    /// What the first images show, by their ids.
+    pub looks: Vec<(String, Look)>,
     /// What is suspected after the first images; said already.
     pub suspicions: Vec<String>,
     /// Why the rest was not tried.
@@ -251,7 +254,6 @@ pub fn evaluate<O: Observer>(
 ) -> Result<Evaluation, O::Error> {
     let mut collector = Collector {
         encoding: predictor.encoding().filter(|_| O::IS_FIRST_LOOK),
-        looks: Vec::new(),
         task,
         name,
         progress,
@@ -448,8 +450,6 @@ struct Collector<'a> {
     progress: &'a Progress,
     /// What the numbers are; none of a baseline, which is not suspected.
     encoding: Option<ValueEncoding>,
-    /// At the first images, until something is said of them.
-    looks: Vec<Look>,
     /// Images so far.
     images: usize,
     /// By protocol.
@@ -491,10 +491,11 @@ impl Collector<'_> {
 
     /// Says what is suspected after the first images, or after all where there are fewer.
     fn suspect(&mut self) {
-        let looks = std::mem::take(&mut self.looks);
         let Some(encoding) = self.encoding.take() else {
             return;
         };
+        let looks = self.outcome.looks.iter().map(|(_, look)| look.clone());
+        let looks: Vec<Look> = looks.collect();
         for text in suspicion::suspicions(&looks, &encoding) {
             let text = format!("{}: {text}", self.name);
             self.progress.println(&format!("warning: {text}"));
@@ -536,7 +537,8 @@ impl Collector<'_> {
         outcome.comparisons.extend(comparison);
         let agreement = agreement.map(|agreement| (sample.id.clone(), agreement));
         outcome.agreements.extend(agreement);
-        self.looks.extend(look);
+        let look = look.map(|look| (sample.id.clone(), look));
+        outcome.looks.extend(look);
         rows
     }
 }

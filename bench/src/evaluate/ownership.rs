@@ -15,7 +15,9 @@ use strat_store::{
 };
 
 use super::{
-    NamedFile, journal,
+    NamedFile,
+    agreed::AGREEMENTS,
+    journal,
     record::{FAILURES, LEADERBOARD, ModelRecord, PICTURES, RECORD, ROWS, RunRecord},
     shards::IMAGES,
 };
@@ -26,7 +28,15 @@ pub const MARK: Mark = Mark {
     record: RECORD,
     begins: "tool: bench\n",
     writes: |name| {
-        let fixed = [ROWS, FAILURES, RECORD, LEADERBOARD, IMAGES, PICTURES];
+        let fixed = [
+            ROWS,
+            FAILURES,
+            RECORD,
+            LEADERBOARD,
+            IMAGES,
+            AGREEMENTS,
+            PICTURES,
+        ];
         fixed.contains(&name) || is_table(name) || is_saved_prediction(name)
     },
 };

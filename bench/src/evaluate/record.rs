@@ -12,7 +12,10 @@ use strat_store::{
     shard::Shard,
 };
 
-use super::{agreement::Agreement, identity::Identity};
+use super::{
+    agreed::Agreed, agreement::Agreement, identity::Identity, predictions::SavedDescription,
+};
+use crate::model::{Description, ValueEncoding};
 
 /// The version that rows and records name.
 pub const TOOL_VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -135,10 +138,10 @@ pub struct ModelRecord {
     #[serde(default, skip_serializing_if = "Identity::is_empty")]
     pub identity: Identity,
     /// How it is fed and read.
-    pub description: Option<crate::model::Description>,
+    pub description: Option<Description>,
     /// What its numbers are, where they were saved and no model ran.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub saved: Option<crate::evaluate::predictions::SavedDescription>,
+    pub saved: Option<SavedDescription>,
     /// What its trainer says about it.
     pub metadata: Option<strat_onnx::metadata::ModelMetadata>,
     /// Number of weights.
@@ -155,6 +158,10 @@ pub struct ModelRecord {
     /// How its depth lies beside the truth as a whole, over the images measured here.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agreement: Option<Agreement>,
+    /// In the record of a part: which of its warnings, from the first to before the second, follow from the
+    /// model's rows and maps. Those of the whole are others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub findings: Option<[usize; 2]>,
     /// Images with at least one row.
     pub images: usize,
     /// Wall-clock time of the whole prediction path, decoding and metrics included.
@@ -182,6 +189,7 @@ impl ModelRecord {
             threads: None,
             probe_max_difference: None,
             agreement: None,
+            findings: None,
             images: 0,
             seconds: 0.0,
             note: None,
@@ -210,6 +218,16 @@ impl ModelRecord {
 }
 
 impl ModelRecord {
+    /// What its numbers are; none of a baseline.
+    #[must_use]
+    pub fn encoding(&self) -> Option<ValueEncoding> {
+        let description = self.description.as_ref();
+        let saved = self.saved.as_ref();
+        description
+            .map(|description| description.output.encoding())
+            .or_else(|| saved.map(SavedDescription::encoding))
+    }
+
     /// What its rows under a protocol share.
     #[must_use]
     pub fn context(&self, protocol: &Protocol, manifest: &Manifest) -> RowContext {
@@ -261,6 +279,8 @@ pub struct Outcome {
     pub rows: Vec<Row>,
     /// What failed, in the order model, image.
     pub failures: Vec<Failure>,
+    /// Of a part of a divided run, how its images agree with the truth, in the order model, image.
+    pub agreed: Vec<Agreed>,
 }
 
 /// Brings rows into the order model, protocol, image; rows of one image under one protocol keep

@@ -1,10 +1,11 @@
 //! A run that is divided among machines, and its parts put together.
 //!
 //! Every machine gets the same data, models, options and output folder, and a
-//! [`Shard`]. A part leaves what any run leaves (`rows.csv`, `failures.csv`, `run.yaml`) and the
-//! list of its images in a folder of its own, `parts/0003-of-0008/`. [`merge`] checks that all
-//! parts are there and of one kind and puts their rows into the order of an undivided run, so that
-//! tables and leaderboard come out byte for byte the same.
+//! [`Shard`]. A part leaves what any run leaves (`rows.csv`, `failures.csv`, `run.yaml`), the
+//! list of its images and how each of them agrees with the truth ([`agreed`]) in a folder of its own,
+//! `parts/0003-of-0008/`. [`merge`] checks that all parts are there and of one kind and puts their rows
+//! into the order of an undivided run, so that tables and leaderboard come out byte for byte the same, and so
+//! does what is said of each model.
 //!
 //! Nothing here starts processes on other machines; that is the work of Slurm or any other queue.
 
@@ -14,7 +15,8 @@ use std::{
 };
 
 use serde::{Deserialize, Serialize};
-use strat_metrics::rows;
+use strat_metrics::{Row, rows};
+use strat_onnx::metadata::OutputMeaning;
 use strat_store::inputs::{self, Kind};
 use strat_store::{
     files,
@@ -22,7 +24,13 @@ use strat_store::{
     yaml,
 };
 
-use super::record::{self, FAILURES, Failure, Outcome, RECORD, ROWS, RunRecord};
+use super::{
+    agreed::{self, AGREEMENTS},
+    agreement::{Agreement, ImageAgreement},
+    findings::{Remark, remarks},
+    record::{self, FAILURES, Failure, Outcome, RECORD, ROWS, RunRecord},
+    suspicion::{FIRST_IMAGES, Look, suspicions},
+};
 
 /// The images of a part with their positions in the test list.
 pub const IMAGES: &str = "images.csv";
@@ -102,12 +110,13 @@ struct Part {
     outcome: Outcome,
 }
 
-/// Reads all parts in `out` and puts them together.
+/// Reads all parts in `out` and puts them together; with what there is to say about the models, which the
+/// record has as far as it is a warning.
 ///
 /// # Errors
 /// There are none, some are missing or unfinished, they do not belong together, or a file is
 /// broken.
-pub fn merge(out: &Path) -> Result<Outcome, ShardsError> {
+pub fn merge(out: &Path) -> Result<(Outcome, Vec<Remark>), ShardsError> {
     let wrong = |reason: &str| ShardsError::Unusable {
         path: out.to_path_buf(),
         reason: reason.to_owned(),
@@ -168,10 +177,20 @@ pub fn merge(out: &Path) -> Result<Outcome, ShardsError> {
         ));
     }
     let order: Vec<String> = images.into_iter().map(|image| image.image).collect();
-    joined(parts, &order).ok_or_else(|| wrong("it has no parts"))
+    let mut beside = Vec::new();
+    for part in &parts {
+        let found = beside_findings(&part.outcome.record).map_err(|reason| {
+            let path = part.shard.folder(out).join(RECORD);
+            ShardsError::Unusable { path, reason }
+        })?;
+        beside.push(found.into_iter().map(<[String]>::to_vec).collect());
+    }
+    let mut whole = joined(parts, &order).ok_or_else(|| wrong("it has no parts"))?;
+    let said = find(&mut whole, &beside, &order);
+    Ok((whole, said))
 }
 
-/// The parts in the order of an undivided run.
+/// The parts in the order of an undivided run, but for what follows from rows and maps.
 fn joined(parts: Vec<Part>, order: &[String]) -> Option<Outcome> {
     let mut parts = parts.into_iter().map(|part| part.outcome);
     let mut whole = parts.next()?;
@@ -180,19 +199,11 @@ fn joined(parts: Vec<Part>, order: &[String]) -> Option<Outcome> {
     for part in parts {
         whole.rows.extend(part.rows);
         whole.failures.extend(part.failures);
+        whole.agreed.extend(part.agreed);
         record.complete &= part.record.complete;
         for (model, own) in record.models.iter_mut().zip(part.record.models) {
-            model.agreement = match (model.agreement, own.agreement) {
-                (Some(a), Some(b)) => Some(a.joined(b)),
-                (a, b) => a.or(b),
-            };
             model.images += own.images;
             model.seconds += own.seconds;
-        }
-        for warning in part.record.warnings {
-            if !record.warnings.contains(&warning) {
-                record.warnings.push(warning);
-            }
         }
     }
     record.failures = whole.failures.len();
@@ -207,7 +218,93 @@ fn joined(parts: Vec<Part>, order: &[String]) -> Option<Outcome> {
             positions.get(failure.image.as_str()).copied(),
         )
     });
+    whole.agreed.sort_by_key(|agreed| {
+        (
+            models.iter().position(|model| *model == agreed.model),
+            positions.get(agreed.image.as_str()).copied(),
+        )
+    });
     Some(whole)
+}
+
+/// What a part warned of that does not follow from its rows and maps: before what followed of each model,
+/// and after the last.
+fn beside_findings(record: &RunRecord) -> Result<Vec<&[String]>, String> {
+    let mut left = record.warnings.as_slice();
+    let mut taken = 0;
+    let mut beside = Vec::new();
+    for model in &record.models {
+        let [first, end] = model.findings.unwrap_or_default();
+        let own = first.checked_sub(taken).filter(|own| *own <= left.len());
+        let findings = end.checked_sub(first);
+        let (Some(own), Some(findings)) = (own, findings) else {
+            return Err(format!(
+                "`findings` of the model {} are none of its warnings; measure the part again",
+                model.name
+            ));
+        };
+        let (before, rest) = left.split_at(own);
+        beside.push(before);
+        left = rest.get(findings..).unwrap_or_default();
+        taken = end;
+    }
+    beside.push(left);
+    Ok(beside)
+}
+
+/// Says of the whole what an undivided run says of it, where `parts` have warned of their own; `order` is
+/// the whole test list.
+fn find(whole: &mut Outcome, parts: &[Vec<Vec<String>>], order: &[String]) -> Vec<Remark> {
+    let mut said = Vec::new();
+    let mut warnings: Vec<String> = Vec::new();
+    let take_over = |warnings: &mut Vec<String>, place: usize| {
+        for warning in parts.iter().filter_map(|part| part.get(place)).flatten() {
+            if !warnings.contains(warning) {
+                warnings.push(warning.clone());
+            }
+        }
+    };
+    let first = &order[..order.len().min(FIRST_IMAGES)];
+    for (place, model) in whole.record.models.iter_mut().enumerate() {
+        take_over(&mut warnings, place);
+        let agreed = || whole.agreed.iter().filter(|one| one.model == model.name);
+        let agreements: Vec<ImageAgreement> = agreed().map(|one| one.agreement).collect();
+        let looks: Vec<Look> = agreed()
+            .filter(|one| first.contains(&one.image))
+            .filter_map(|one| one.look.clone())
+            .collect();
+        model.agreement = Agreement::of(&agreements);
+        model.findings = None;
+        let encoding = model.encoding();
+        let suspicions = encoding.map_or_else(Vec::new, |encoding| suspicions(&looks, &encoding));
+        let rows: Vec<Row> = whole
+            .rows
+            .iter()
+            .filter(|row| row.context.model == model.name)
+            .cloned()
+            .collect();
+        let gives_depth =
+            encoding.is_some_and(|encoding| encoding.meaning() == OutputMeaning::DepthM);
+        let is_suspected = !suspicions.is_empty();
+        let suspicions = suspicions.into_iter();
+        let suspicions = suspicions.map(|text| Remark::Warning(format!("{}: {text}", model.name)));
+        let mut found: Vec<Remark> = suspicions.collect();
+        found.extend(remarks(
+            &model.name,
+            &rows,
+            model.agreement,
+            gives_depth,
+            is_suspected,
+        ));
+        warnings.extend(found.iter().filter_map(|remark| match remark {
+            Remark::Warning(text) => Some(text.clone()),
+            Remark::Figure(_) | Remark::Note(_) => None,
+        }));
+        said.extend(found);
+    }
+    take_over(&mut warnings, whole.record.models.len());
+    whole.record.warnings = warnings;
+    said
 }
 
 /// What makes two parts parts of different runs.
@@ -268,6 +365,7 @@ fn read(folder: &Path, shard: Shard) -> Result<Part, ShardsError> {
         );
         return Err(unusable(FAILURES, reason));
     }
+    let agreed = agreed::read(folder).map_err(|reason| unusable(AGREEMENTS, reason))?;
     Ok(Part {
         shard,
         images,
@@ -275,6 +373,7 @@ fn read(folder: &Path, shard: Shard) -> Result<Part, ShardsError> {
             record,
             rows,
             failures,
+            agreed,
         },
     })
 }

@@ -57,13 +57,14 @@ impl Turn {
 /// What one image shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Look {
-    agreement: ImageAgreement,
-    /// Rank correlations of the map turned each way.
-    turned: [Option<f64>; 3],
+    pub(super) agreement: ImageAgreement,
+    /// Rank correlations of the map turned each way: mirrored, upside down, transposed.
+    pub(super) turned: [Option<f64>; 3],
     /// Whether the uppermost rows, where nothing was measured, are nearer than nearly all that was.
-    sky_is_nearest: Option<bool>,
-    width: f64,
-    focal_px: f64,
+    pub(super) sky_is_nearest: Option<bool>,
+    /// Of the image, in pixels.
+    pub(super) width: f64,
+    pub(super) focal_px: f64,
 }
 
 /// Looks at a map at the size of the truth: depth, or disparity of which larger values are nearer.

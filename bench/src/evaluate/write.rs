@@ -13,6 +13,7 @@ use strat_metrics::{
 };
 use strat_store::{files, yaml};
 
+use super::agreed;
 use super::ownership::{self, MARK};
 use super::record::{FAILURES, Failure, LEADERBOARD, Outcome, ROWS};
 
@@ -34,7 +35,8 @@ pub enum WriteError {
 }
 
 impl Outcome {
-    /// Writes `rows.csv`, `failures.csv` and, last, `run.yaml`; no `rows.csv` without rows.
+    /// Writes `rows.csv`, `failures.csv`, for a part `agreements.csv`, and, last, `run.yaml`; no `rows.csv`
+    /// without rows.
     ///
     /// # Errors
     /// A file cannot be written.
@@ -49,6 +51,9 @@ impl Outcome {
             files::write_atomic(&out.join(ROWS), &bytes)?;
         }
         write_failures(out, &self.failures)?;
+        if self.record.shard.is_some() {
+            agreed::write(out, &self.agreed)?;
+        }
         Ok(MARK.finish(out, text.as_bytes())?)
     }
 }

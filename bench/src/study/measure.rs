@@ -364,6 +364,7 @@ fn read(folder: &Path) -> Result<Outcome, StudyError> {
         record,
         rows,
         failures,
+        agreed: Vec::new(),
     })
 }
 

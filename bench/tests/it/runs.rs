@@ -303,11 +303,22 @@ fn predictions_that_cannot_be_used_are_sentences() {
     assert_eq!(world.rows("pp").len(), 2);
 }
 
+/// The record of a run without what is of one run alone: its command line and how long it took.
+fn record_of_any(world: &World, out: &str) -> serde_yaml::Value {
+    let mut record: serde_yaml::Value = yaml::load(&world.path(out).join("run.yaml")).unwrap();
+    record["arguments"] = serde_yaml::Value::Null;
+    for model in record["models"].as_sequence_mut().unwrap() {
+        model["seconds"] = serde_yaml::Value::Null;
+    }
+    record
+}
+
 #[test]
 fn parts_merge_into_the_bytes_of_one_run() {
     let world = World::new(Split::Kitti, 11, true);
-    let model = write_model(world.folder.path(), "looks", 0.02, 0.05, "kitti");
-    let other = write_model(world.folder.path(), "other", 0.05, 0.0, "kitti");
+    // Both are of another scale, which is said after the first images.
+    let model = write_model(world.folder.path(), "looks", 0.06, 0.15, "kitti");
+    let other = write_model(world.folder.path(), "other", 0.02, 0.0, "kitti");
     fs::write(world.path("set/f/000004.png"), b"not what was prepared").unwrap();
     fs::remove_file(world.path("set/noc/000007.exr")).unwrap();
     let asked = ["--model", &text(&model), "--model", &text(&other)];
@@ -345,6 +356,20 @@ fn parts_merge_into_the_bytes_of_one_run() {
         assert_eq!(of("whole"), of("parts"), "{file}");
     }
     assert!(!world.path("parts/parts").exists());
+    // What is said of the models is said of all images and of the first ones of the whole.
+    let records = ["whole", "parts"].map(|out| record_of_any(&world, out));
+    assert_eq!(records[0], records[1]);
+    let said = |ran: &Ran| -> Vec<String> {
+        let own = |line: &&str| line.contains("warning: ") || line.contains("true/predicted");
+        let lines = ran.err.lines().filter(own);
+        // Once for each model is said while it is measured.
+        lines
+            .filter(|line| !line.contains("LEAKAGE"))
+            .map(str::to_owned)
+            .collect()
+    };
+    assert!(said(&whole).len() >= 4, "{:?}", said(&whole));
+    assert_eq!(said(&whole), said(&merged));
     let record = fs::read_to_string(world.path("parts/run.yaml")).unwrap();
     assert!(record.contains("images: 9"), "{record}");
     part("3/3", &asked).code(2).says("the last of 3 is 2/3");

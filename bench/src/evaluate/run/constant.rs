@@ -47,7 +47,7 @@ impl TableRun<'_> {
         let median = median.map_err(|error| format!("{}: {error}", folder.display()))?;
         let trained = other.samples(Role::Train).map_err(SampleError::from);
         let trained = trained.map_err(|error| error.to_string())?;
-        let tested = Tested::new(&self.set.manifest, &self.samples);
+        let tested = Tested::new(&self.set.manifest, &self.listed);
         match leakage::between((&other.manifest, &trained), &tested) {
             Leakage::None => {}
             found => self.notes.warn(format!(

@@ -28,9 +28,10 @@ use strat_store::{
 
 use super::{
     Comparison, Evaluation, GaveUp, NamedFile, Observer, Predictor, Task,
+    agreed::Agreed,
     agreement::{Agreement, ImageAgreement},
     evaluate,
-    findings::{Remark, extremes, images_in, remarks},
+    findings::{extremes, images_in, remarks},
     fitting::{self, Fitted},
     identity::Identity,
     journal::{self, Journal, OfImage},
@@ -41,7 +42,7 @@ use super::{
     record::{self, DataRecord, Failure, ModelRecord, Outcome, ProtocolRecord, RunRecord, slug},
     request::{Draw, Finished, Request, RunError},
     shards,
-    suspicion::FIRST_IMAGES,
+    suspicion::{FIRST_IMAGES, Look},
 };
 use crate::{
     model::{Model, leakage::Tested, vet::vet},
@@ -82,6 +83,7 @@ pub fn run(
     let pictured = spread::evenly(samples.len(), request.pictures)
         .map(|index| samples[index].id.clone())
         .collect();
+    let listed = samples.clone();
     if let Some(shard) = request.shard {
         let order: Vec<String> = samples.iter().map(|sample| sample.id.clone()).collect();
         samples.retain(|sample| shard.has(&sample.id));
@@ -91,6 +93,7 @@ pub fn run(
         request,
         draw,
         set,
+        listed,
         samples,
         protocols: plan.protocols,
         sections: plan.sections,
@@ -104,6 +107,7 @@ pub fn run(
         rows: Vec::new(),
         failures: Vec::new(),
         records: Vec::new(),
+        agreed: Vec::new(),
     };
     for sentence in &plan.left_out {
         run.notes.note(sentence);
@@ -147,7 +151,9 @@ struct TableRun<'a> {
     request: &'a Request<'a>,
     draw: Draw<'a>,
     set: PreparedSet,
-    /// The test images that are measured here.
+    /// All test images.
+    listed: Vec<Sample>,
+    /// Those that are measured here.
     samples: Vec<Sample>,
     protocols: Vec<Protocol>,
     /// Protocols of tables that show a model only where it fits.
@@ -166,6 +172,7 @@ struct TableRun<'a> {
     rows: Vec<Row>,
     failures: Vec<Failure>,
     records: Vec<ModelRecord>,
+    agreed: Vec<Agreed>,
 }
 
 /// What is measured, with all that is known of it beforehand.
@@ -203,9 +210,10 @@ impl TableRun<'_> {
     fn model(&mut self, given: &NamedFile, runtime: &Runtime) -> Result<(), RunError> {
         let NamedFile { name, file } = given;
         let request = self.request;
+        // What it was trained on is held against the whole test, of which a part is measured here.
         let tested = Tested {
             training_source: request.training_source,
-            ..Tested::new(&self.set.manifest, &self.samples)
+            ..Tested::new(&self.set.manifest, &self.listed)
         };
         let opened = Model::open(name, file, runtime, request.device, request.threads)
             .and_then(|mut model| Ok((vet(&mut model, Some(tested))?, model)));
@@ -262,11 +270,9 @@ impl TableRun<'_> {
         if self.request.predictions.is_empty() {
             return Ok(());
         }
-        // Whose map is whose follows from the whole test list, also where a part of it is measured.
-        let samples = self.set.samples(Role::Test)?;
         let content = self.set.manifest.content;
         for NamedFile { name, file } in self.request.predictions {
-            let saved = match SavedPredictions::open(name, file, content, &samples) {
+            let saved = match SavedPredictions::open(name, file, content, &self.listed) {
                 Ok(saved) => saved,
                 Err(error) => {
                     self.notes.fail(format!("predictions {name}: {error}"));
@@ -368,19 +374,28 @@ impl TableRun<'_> {
                 "{name} is refused at the first image: its maps are not what its description says"
             )),
         }
+        let first_finding = self.notes.warnings.len();
         // What was said after the first images is not said again in other words.
         self.notes.warnings.extend(evaluation.suspicions.clone());
         let is_suspected = !evaluation.suspicions.is_empty();
         for remark in remarks(name, &evaluation.rows, agreement, gives_depth, is_suspected) {
-            match remark {
-                Remark::Figure(text) => self.notes.say(&text),
-                Remark::Note(text) => self.notes.note(&text),
-                Remark::Warning(text) => self.notes.warn(text),
-            }
+            remark.say(&mut self.notes);
+        }
+        let mut findings = None;
+        if self.request.shard.is_some() {
+            findings = Some([first_finding, self.notes.warnings.len()]);
+            let mut looks: HashMap<String, Look> = evaluation.looks.into_iter().collect();
+            let agreed = evaluation.agreements.into_iter();
+            self.agreed.extend(agreed.map(|(image, agreement)| Agreed {
+                model: name.clone(),
+                look: looks.remove(&image),
+                image,
+                agreement,
+            }));
         }
         self.failures.extend(evaluation.failures);
         self.rows.extend(evaluation.rows);
-        self.records.push(record);
+        self.records.push(ModelRecord { findings, ..record });
         Ok(())
     }
 
@@ -543,6 +558,7 @@ impl TableRun<'_> {
                 record,
                 rows: self.rows,
                 failures: self.failures,
+                agreed: self.agreed,
             },
             tables,
             folder: self.folder,
