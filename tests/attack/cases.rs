@@ -13,7 +13,15 @@ pub struct Case {
     pub line: String,
     /// Points that are tried in the short form.
     pub short: usize,
+    /// It works in processes of its own kind, of which a fault may meet one.
+    pub starts_others: bool,
 }
+
+/// Folders that cases write to.
+pub const FOLDERS: [&str; 4] = ["out", "rows", "board", "studied"];
+
+/// Cases that the short form tries at one point only.
+const SLOW: [&str; 4] = ["prep synth", "bench cues", "bench study", "bench latency"];
 
 /// Everything that leaves files.
 pub fn cases() -> Vec<Case> {
@@ -21,21 +29,25 @@ pub fn cases() -> Vec<Case> {
         name,
         before: before.iter().map(ToString::to_string).collect(),
         line: line.to_owned(),
-        short: if ["prep synth", "bench cues"].contains(&name) || name.starts_with("train") {
+        short: if SLOW.contains(&name) || name.starts_with("train") {
             1
         } else {
             2
         },
+        starts_others: name == "train study",
     };
     let size = "--width 64 --height 32 --jobs 1 --quiet";
     let eigen = format!("prep eigen --raw world/kitti_raw --allow-missing {size} --out out");
     let kitti = format!(
         "prep kitti --raw world/kitti_raw --stereo2015 world/kitti2015 --allow-missing {size} --out out"
     );
+    let labelled = kitti.replace("--out out", "--semantics world/kitti2015 --out rows");
     let pairs = format!("prep pairs --csv pairs.csv {size} --out out");
     let export = "prep export eigen --kind velodyne --out out --format";
     let few = "--runtime embedded --jobs 1 --quiet";
     let table = format!("bench --table all --data kitti {few} --out out --model");
+    let latency = "--runtime embedded --quiet";
+    let study = "train study study.yaml --data kitti --quiet --out out".to_owned();
     let rows = format!("bench --table all --data kitti {few} --out rows --model a=a.onnx");
     vec![
         case(
@@ -102,6 +114,49 @@ pub fn cases() -> Vec<Case> {
             "bench render --rows rows/rows.csv --out out",
         ),
         case(
+            "bench latency",
+            &[],
+            &format!(
+                "bench latency --model a.onnx --data kitti --seconds 0 --queries 1 --threads 1 {latency} \
+                 --out out"
+            ),
+        ),
+        case(
+            "bench report",
+            &[&format!("{table} a=a.onnx --pictures 1")],
+            "bench report out",
+        ),
+        case(
+            "bench sprites",
+            &[&labelled],
+            "bench sprites --data rows --each 1 --quiet --out out",
+        ),
+        case(
+            "bench leaderboard init",
+            &[],
+            "bench leaderboard init out --data kitti",
+        ),
+        case(
+            "bench publish --submission",
+            &[&rows, "bench leaderboard init out --data kitti"],
+            "bench publish --rows rows/rows.csv --submission out/submissions/a",
+        ),
+        case(
+            "bench leaderboard page",
+            &[
+                &rows,
+                "bench leaderboard init board --data kitti",
+                "bench publish --rows rows/rows.csv --submission board/submissions/a",
+            ],
+            "bench leaderboard page board --out out",
+        ),
+        case("train study", &[], &study),
+        case(
+            "bench study",
+            &[&study.replace("--out out", "--out studied")],
+            &format!("bench study studied --data kitti {few} --out out"),
+        ),
+        case(
             "bench publish",
             &[&rows],
             "bench publish --rows rows/rows.csv --to out/all.csv",
@@ -133,12 +188,17 @@ pub fn again(stage: &Stage, case: &Case) -> String {
 }
 
 impl Case {
-    /// Makes what was there before.
-    pub fn begin(&self, stage: &Stage) {
-        for name in ["out", "rows"] {
-            stage.remove(name);
-        }
+    /// Makes what was there before, once.
+    pub fn prepare(&self, stage: &Stage) {
+        FOLDERS.iter().for_each(|name| stage.remove(name));
         self.before.iter().for_each(|line| stage.must(line));
+        stage.fill_in("board/submissions/a/card.yaml");
+        stage.keep(&FOLDERS);
+    }
+
+    /// Puts what was there before in its place.
+    pub fn begin(&self, stage: &Stage) {
+        stage.restore(&FOLDERS);
     }
 }
 
@@ -213,11 +273,25 @@ pub fn results(stage: &Stage) -> BTreeMap<PathBuf, Vec<u8>> {
         if text.ends_with(".bpk") {
             *bytes = weights(bytes);
         }
+        if text.ends_with("latency.csv") {
+            *bytes = what_was_timed(bytes);
+        }
         !text.ends_with("checksums.b3")
             && !text.starts_with("tensorboard")
             && !text.ends_with(".lock")
     });
     found
+}
+
+/// The columns of `latency.csv` up to the number of images, without times.
+fn what_was_timed(bytes: &[u8]) -> Vec<u8> {
+    let text = String::from_utf8_lossy(bytes);
+    let cells = |line: &str| line.split(',').take(13).collect::<Vec<_>>().join(",");
+    text.lines()
+        .map(cells)
+        .collect::<Vec<_>>()
+        .join("\n")
+        .into_bytes()
 }
 
 /// What the tensors of a burnpack file hold, whatever they are called: its metadata carries the number of

@@ -29,6 +29,11 @@ fn main() -> ExitCode {
             return ExitCode::from(command.run(&arguments.split_off(1)));
         }
     }
+    if arguments.iter().any(|word| word == "--end-with-stdin") {
+        // That `train study` has started for a run.
+        strat_store::signals::tell_size_limits();
+        return ExitCode::from(Command::Train.run(&arguments));
+    }
     if arguments
         .first()
         .is_some_and(|name| name == "model-process")
@@ -61,10 +66,11 @@ fn main() -> ExitCode {
     let number =
         |name, otherwise| value(name).map_or(otherwise, |text| text.parse().unwrap_or(otherwise));
     let is_short = full.is_none();
-    let stage = Stage::new();
+    let stages = Stage::several();
+    let stage = &stages[0];
     let (mut tried, mut wrong) = (0, Vec::new());
     if ["all", "kills"].contains(&what) {
-        for (name, tally) in kills::campaign(&stage, &only, is_short) {
+        for (name, tally) in kills::campaign(&stages, &only, is_short) {
             println(&format!(
                 "{name}: {} kills, {} errors, {} signals; {} wrong",
                 tally.kills,
@@ -77,7 +83,7 @@ fn main() -> ExitCode {
         }
     }
     if ["all", "streams"].contains(&what) {
-        let (processes, found) = streams::campaign(&stage, &only, is_short);
+        let (processes, found) = streams::campaign(stage, &only, is_short);
         println(&format!(
             "streams and limits: {processes} tried; {} wrong",
             found.len()
@@ -87,7 +93,7 @@ fn main() -> ExitCode {
     }
     if ["all", "mutations"].contains(&what) {
         let count = number("--count", MUTATIONS[usize::from(!is_short)]);
-        for (name, tally) in mutations::campaign(&stage, &only, number("--seed", 1), count) {
+        for (name, tally) in mutations::campaign(&stages, &only, number("--seed", 1), count) {
             let codes = tally
                 .codes
                 .iter()

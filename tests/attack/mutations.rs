@@ -1,6 +1,7 @@
 //! Seeded mutations of every kind of input, through the commands: none of them may panic, abort or hang.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::stage::Stage;
 
@@ -123,21 +124,43 @@ pub struct Tally {
 
 /// Makes `count` mutations of each kind whose name contains `filter`.
 pub fn campaign(
-    stage: &Stage,
+    stages: &[Stage],
     filter: &str,
     seed: u64,
     count: u64,
 ) -> impl Iterator<Item = (&'static str, Tally)> {
-    let chosen = kinds(stage)
+    let kinds = stages.iter().map(kinds).next_back().unwrap_or_default();
+    let chosen = kinds
         .into_iter()
         .filter(move |kind| kind.name.contains(filter));
-    chosen.map(move |kind| (kind.name, attack(stage, &kind, seed, count)))
+    chosen.map(move |kind| (kind.name, attack(stages, &kind, seed, count)))
 }
 
-fn attack(stage: &Stage, kind: &Kind, seed: u64, count: u64) -> Tally {
+fn attack(stages: &[Stage], kind: &Kind, seed: u64, count: u64) -> Tally {
+    let next = AtomicU64::new(0);
+    let numbers = &|| Some(next.fetch_add(1, Ordering::Relaxed)).filter(|number| *number < count);
+    let mut all = Tally::default();
+    std::thread::scope(|scope| {
+        let one = |stage| scope.spawn(move || attack_on(stage, kind, seed, numbers));
+        let running: Vec<_> = stages.iter().map(one).collect();
+        for one in running {
+            let tally = one.join().expect("no panic");
+            all.mutations += tally.mutations;
+            all.wrong.extend(tally.wrong);
+            for (code, times) in tally.codes {
+                *all.codes.entry(code).or_default() += times;
+            }
+        }
+    });
+    all.wrong.sort_unstable();
+    all
+}
+
+/// Makes the mutations of these numbers.
+fn attack_on(stage: &Stage, kind: &Kind, seed: u64, numbers: impl Fn() -> Option<u64>) -> Tally {
     let whole = stage.read(&kind.file);
     let mut tally = Tally::default();
-    for number in 0..count {
+    while let Some(number) = numbers() {
         let mut random = Random(seed ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15));
         stage.write(&kind.file, &mutated(&whole, &mut random));
         tally.mutations += 1;

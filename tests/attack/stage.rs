@@ -16,6 +16,22 @@ const SECONDS: u32 = 60;
 /// Exit code of `timeout` for a process that it had to end.
 const HANGING: i32 = 124;
 
+/// Most stages side by side.
+const MOST_STAGES: usize = 8;
+
+/// Where [`Stage::keep`] puts what it keeps.
+const KEPT: &str = "kept";
+
+/// Copies a folder or a file with times and empty folders.
+fn copy_whole(from: &Path, to: &Path) {
+    let copied = Command::new("cp").arg("-a").args([from, to]).status();
+    assert!(
+        copied.is_ok_and(|status| status.success()),
+        "{} is copied",
+        from.display()
+    );
+}
+
 /// A folder with everything that attacks need, made by the commands themselves.
 pub struct Stage {
     folder: tempfile::TempDir,
@@ -56,6 +72,17 @@ pub struct Fault {
     pub what: Option<&'static str>,
 }
 
+impl Fault {
+    pub fn is_error(&self) -> bool {
+        let is = |what| fault::ERRORS.iter().any(|(error, _)| *error == what);
+        self.what.is_some_and(is)
+    }
+
+    pub fn is_signal(&self) -> bool {
+        self.what.is_some_and(|what| fault::SIGNALS.contains(&what))
+    }
+}
+
 impl Stage {
     pub fn new() -> Self {
         let stage = Self {
@@ -80,7 +107,49 @@ impl Stage {
             "train {TRAINING} --out other --set seed=4 --set max_steps=2"
         ));
         stage.copy("other/model.onnx", "b.onnx");
+        stage.write("study.yaml", STUDY.as_bytes());
         stage
+    }
+
+    /// One for each processor, but for few of many: they hold two sets and a world each.
+    pub fn several() -> Vec<Self> {
+        let count = std::thread::available_parallelism().map_or(1, usize::from);
+        let mut stages = vec![Self::new()];
+        while stages.len() < count.min(MOST_STAGES) {
+            stages.push(stages[0].twin());
+        }
+        stages
+    }
+
+    /// The same in another folder, for attacks side by side.
+    fn twin(&self) -> Self {
+        let twin = Self {
+            folder: tempfile::tempdir().expect("a folder for the attacks"),
+        };
+        copy_whole(&self.path("."), twin.folder.path());
+        twin
+    }
+
+    /// Says of a submission what its contributor has to, where it is there.
+    pub fn fill_in(&self, card: &str) {
+        if let Ok(text) = fs::read_to_string(self.path(card)) {
+            self.write(card, text.replace("fill in", "A. Person").as_bytes());
+        }
+    }
+
+    /// Keeps folders as they are, for [`Stage::restore`].
+    pub fn keep(&self, names: &[&str]) {
+        self.remove(KEPT);
+        fs::create_dir(self.path(KEPT)).expect("a folder");
+        for name in names.iter().filter(|name| self.path(name).exists()) {
+            copy_whole(&self.path(name), &self.path(&format!("{KEPT}/{name}")));
+        }
+    }
+
+    /// Makes folders what they were, with the times of their files.
+    pub fn restore(&self, names: &[&str]) {
+        names.iter().for_each(|name| self.remove(name));
+        copy_whole(&self.path(&format!("{KEPT}/.")), &self.path("."));
     }
 
     /// A list of pairs of the rendered images, six of them for testing, and photos.
@@ -170,13 +239,19 @@ impl Stage {
         }
     }
 
-    /// Runs a line that has to succeed, and counts the changes that it makes.
+    /// Runs a line that has to succeed, and counts the changes of the process that makes most of them: each
+    /// counts its own.
     pub fn count(&self, line: &str) -> u64 {
         self.remove("changes");
         let before = format!("export {}=changes; exec", fault::CHANGES);
         let ended = self.spawn(&before, line, "", None);
         assert!(ended.code == 0, "{line}: {}: {}", ended.code, ended.stderr);
-        fs::metadata(self.path("changes")).map_or(0, |file| file.len())
+        let mut by_process: BTreeMap<String, u64> = BTreeMap::new();
+        let made = fs::read_to_string(self.path("changes")).unwrap_or_default();
+        for process in made.lines() {
+            *by_process.entry(process.to_owned()).or_default() += 1;
+        }
+        by_process.into_values().max().unwrap_or_default()
     }
 
     /// What is half-written below a folder.
@@ -200,6 +275,12 @@ impl Stage {
 pub const TRAINING: &str = "--config kitti-strat --preset tiny --quiet --data kitti \
     --set network.width=1/32 --set discriminator.width=1/16 --set batch=2 --set epochs=2 \
     --set pictures.every=1 --set checkpoint.every=1 --set max_steps=6";
+
+/// Two such trainings.
+const STUDY: &str = "base: kitti-strat\npreset: tiny\n\
+    settings: {network.width: 1/32, discriminator.width: 1/16, batch: 2, epochs: 1, max_steps: 2, \
+    checkpoint.every: 1}\n\
+    variants: {strat: {variant: strat}, no-adv: {variant: no-adv}}\nseeds: [1]\n";
 
 /// All files below a folder by their paths in it.
 pub fn tree(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {

@@ -13,7 +13,7 @@ pub fn campaign(stage: &Stage, filter: &str, short: bool) -> (u64, Vec<String>) 
         if !case.name.contains(filter) || short && number % 3 != 0 {
             continue;
         }
-        case.begin(stage);
+        case.prepare(stage);
         let before = results(stage);
         stage.must(&case.line);
         let whole = results(stage);

@@ -15,7 +15,7 @@ pub const AT: &str = "STRAT_FAULT_AT";
 /// it is not set.
 pub const ERROR: &str = "STRAT_FAULT";
 
-/// Environment variable with a file that gets a byte for each change: its size is their number.
+/// Environment variable with a file that gets a line for each change: the number of the process that made it.
 pub const CHANGES: &str = "STRAT_FAULT_COUNT";
 
 /// Signals by the names that `kill` takes.
@@ -42,7 +42,7 @@ pub fn point() -> io::Result<()> {
             .append(true)
             .create(true)
             .open(tally)?;
-        file.write_all(b"x")?;
+        file.write_all(format!("{}\n", std::process::id()).as_bytes())?;
     }
     let Some(chosen) = *CHOSEN else { return Ok(()) };
     if COUNT.fetch_add(1, Ordering::Relaxed) + 1 != chosen {

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use strat_store::claim::Found;
+use strat_store::inputs::{self, Kind};
 use strat_store::{Error, files};
 
 use crate::board::{BOARD, BoardError, DataSet, MARK, PUBLISHED, SUBMISSIONS, quoted};
@@ -27,16 +28,12 @@ pub fn init(
     sets: &[PathBuf],
     strat: Option<&str>,
 ) -> Result<Vec<DataSet>, BoardError> {
-    let inputs: Vec<&Path> = sets.iter().map(PathBuf::as_path).collect();
+    let given: Vec<&Path> = sets.iter().map(PathBuf::as_path).collect();
     let refuse = |problem: String| Error::Output {
         path: folder.to_owned(),
         problem,
     };
-    if MARK.examine(folder, &inputs)? == Found::Record {
-        return Err(
-            refuse("it is a leaderboard already; nothing in it is replaced".to_owned()).into(),
-        );
-    }
+    let found = MARK.examine(folder, &given)?;
     if let Err(why) = check_name(title) {
         return Err(refuse(format!("the title {title:?} {why}")).into());
     }
@@ -53,6 +50,21 @@ pub fn init(
             data.push(one);
         }
     }
+    let (config, workflow) = (config(title, &data), workflow(strat));
+    if found == Found::Record {
+        let begun = folder.join(MARK.begun());
+        let is_same = |name: &str, text: &str| {
+            let there = inputs::read(&folder.join(name), Kind::Yaml);
+            there.is_ok_and(|there| there == text.as_bytes())
+        };
+        if begun.is_file() && is_same(BOARD, &config) && is_same(WORKFLOW_PATH, &workflow) {
+            // Ended by a kill after all was written.
+            files::remove(&begun)?;
+            return Ok(data);
+        }
+        let problem = "it is a leaderboard already; nothing in it is replaced";
+        return Err(refuse(problem.to_owned()).into());
+    }
     MARK.begin(folder)?;
     for (name, rows) in published::built_in() {
         files::write_csv(&folder.join(PUBLISHED).join(name), &rows)?;
@@ -60,8 +72,8 @@ pub fn init(
     let write = |path: &str, text: &str| files::write_atomic(&folder.join(path), text.as_bytes());
     write(&format!("{SUBMISSIONS}/.gitkeep"), "")?;
     write("README.md", &README.replace("TITLE", title))?;
-    write(WORKFLOW_PATH, &workflow(strat))?;
-    MARK.finish(folder, config(title, &data).as_bytes())?;
+    write(WORKFLOW_PATH, &workflow)?;
+    MARK.finish(folder, config.as_bytes())?;
     Ok(data)
 }
 
