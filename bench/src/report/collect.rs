@@ -10,6 +10,7 @@ use strat_metrics::{Row, RowContext, rows, tables::Coverage};
 use strat_store::inputs::{self, Kind};
 use strat_store::{shard::PARTS, yaml};
 
+use super::study::StudyResults;
 use crate::{
     cues::rows::{self as cue_rows, CueRow},
     draw::comparison,
@@ -55,6 +56,8 @@ pub struct Collected {
     pub latency: Vec<LatencyRow>,
     /// Tests of depth cues.
     pub cues: Vec<CueResults>,
+    /// Answers of studies.
+    pub studies: Vec<StudyResults>,
     /// A sentence for each file that could not be read or used.
     pub problems: Vec<String>,
 }
@@ -111,10 +114,11 @@ pub fn collect(folder: &Path) -> Result<Collected, ReportError> {
         data_sets,
         latency,
         cues,
+        studies,
         problems,
     } = &collected;
     match (
-        data_sets.is_empty() && latency.is_empty() && cues.is_empty(),
+        data_sets.is_empty() && latency.is_empty() && cues.is_empty() && studies.is_empty(),
         problems.is_empty(),
     ) {
         (false, _) => Ok(collected),
@@ -127,6 +131,10 @@ pub fn collect(folder: &Path) -> Result<Collected, ReportError> {
 }
 
 fn visit(folder: &Path, depth: usize, collected: &mut Collected) {
+    match StudyResults::read(folder) {
+        Ok(found) => collected.studies.extend(found),
+        Err(problem) => collected.problems.push(problem),
+    }
     if let Err(problem) = read(folder, collected) {
         collected.problems.push(problem);
     }
@@ -155,6 +163,13 @@ fn visit(folder: &Path, depth: usize, collected: &mut Collected) {
     below.sort();
     for folder in below {
         visit(&folder, depth + 1, collected);
+    }
+}
+
+impl Collected {
+    /// Whether the rows of a run are those of a study, whose models are seeds of its variants.
+    pub(super) fn is_of_study(&self, run: &Run) -> bool {
+        self.studies.iter().any(|study| study.folder == run.folder)
     }
 }
 

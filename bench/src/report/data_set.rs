@@ -16,7 +16,8 @@ use super::{
 use crate::rows::compare::protocols_of;
 
 impl Page {
-    pub(super) fn data_set(&mut self, index: usize, set: &DataSet) -> Markup {
+    /// A set with its rows. Where they are `of_study`, its seeds are no rivals of each other.
+    pub(super) fn data_set(&mut self, index: usize, set: &DataSet, of_study: bool) -> Markup {
         let warnings: Vec<String> = set
             .runs
             .iter()
@@ -62,7 +63,11 @@ impl Page {
         let ranked: Vec<&String> = first.into_iter().chain(scaled).collect();
         html! {
             @if !warnings.is_empty() { (warning("What was warned about during the runs:", &warnings)) }
-            @for name in &ranked { (self.verdict(&set.rows, name)) }
+            @if of_study {
+                p { "Variants are compared under " a href="#study" { "Study" } "; here are their seeds." }
+            } @else {
+                @for name in &ranked { (self.verdict(&set.rows, name)) }
+            }
             (of_tables)
             @if !further.is_empty() {
                 h3 { "Under further protocols" }

@@ -1,8 +1,8 @@
 //! One HTML page about the results below a folder.
 //!
 //! The page is a function of files that other commands have written: `rows.csv` and `run.yaml` of
-//! [`crate::evaluate`] with the pictures beside them, `latency.csv` of [`crate::latency`] and
-//! `cues.csv` of [`crate::cues`]. Figures, intervals and marks are those of the tables
+//! [`crate::evaluate`] with the pictures beside them, `latency.csv` of [`crate::latency`],
+//! `cues.csv` of [`crate::cues`] and `study-results.yaml` of [`crate::study`]. Figures, intervals and marks are those of the tables
 //! ([`strat_metrics::tables`]); nothing is measured here. Rows of several runs over the same data
 //! share their tables.
 //!
@@ -23,8 +23,10 @@ mod images;
 mod origin;
 mod page;
 mod speed;
+mod study;
 mod training;
 mod verdict;
 
 pub use collect::{Collected, CueResults, DataSet, ReportError, Run, collect};
 pub use page::{BEGINS, Rendered, render};
+pub use study::StudyResults;

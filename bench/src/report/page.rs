@@ -41,9 +41,17 @@ pub struct Rendered {
 pub fn render(title: &str, collected: &Collected) -> Rendered {
     let mut page = Page::default();
     let mut sections: Vec<(String, String, Markup)> = Vec::new();
+    if !collected.studies.is_empty() {
+        let alone = collected.studies.len() == 1;
+        let studies = collected.studies.iter();
+        let bodies: Vec<Markup> = studies.map(|one| page.study(one, alone)).collect();
+        let body = html! { @for body in &bodies { (body) } };
+        sections.push(("study".to_owned(), "Study".to_owned(), body));
+    }
     for (index, set) in collected.data_sets.iter().enumerate() {
         let id = format!("data-{}", index + 1);
-        sections.push((id, heading_of(set), page.data_set(index, set)));
+        let of_study = set.runs.iter().all(|run| collected.is_of_study(run));
+        sections.push((id, heading_of(set), page.data_set(index, set, of_study)));
     }
     let mut section = |id: &str, heading: &str, body: Markup| {
         sections.push((id.to_owned(), heading.to_owned(), body));

@@ -25,6 +25,8 @@ struct Line {
 /// where there is no such folder.
 pub(super) fn curves(collected: &Collected) -> Option<String> {
     let runs = collected.data_sets.iter().flat_map(|set| &set.runs);
+    // The curves of a study are those of its variants, with their spread.
+    let runs = runs.filter(|run| !collected.is_of_study(run));
     let models = runs
         .filter_map(|run| run.record.as_ref())
         .flat_map(|record| &record.models);

@@ -282,7 +282,7 @@ fn block_text(tests: &[PairedTest]) -> String {
     text + &limits(tests)
 }
 
-pub(super) fn p_text(value: Option<f64>) -> String {
+pub(crate) fn p_text(value: Option<f64>) -> String {
     match value {
         None => "-".to_owned(),
         Some(value) if value < 1e-4 => "<0.0001".to_owned(),

@@ -147,12 +147,7 @@ pub fn differences_csv(studies: &[Study]) -> Result<Vec<u8>, CsvError> {
                 known
                     .map(|known| known.family.to_string())
                     .unwrap_or_default(),
-                match one.verdict() {
-                    Verdict::Better => "better",
-                    Verdict::Worse => "worse",
-                    Verdict::Open => "not told apart",
-                }
-                .to_owned(),
+                verdict_words(one.verdict()).to_owned(),
                 number(|known| known.of_seeds),
                 number(|known| known.of_drives),
                 study.effect.to_string(),
@@ -234,11 +229,21 @@ fn part_text(study: &Study, part: &Part, metric: Metric) -> String {
             lacking.join(", ")
         );
     }
-    for one in part.differences.iter().filter(|one| one.metric == metric) {
-        text += &sentence(one, part, study.effect);
+    for sentence in sentences(study, part, metric) {
+        text += &sentence;
         text.push('\n');
     }
     text
+}
+
+/// What a verdict is called in tables.
+#[must_use]
+pub fn verdict_words(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Better => "better",
+        Verdict::Worse => "worse",
+        Verdict::Open => "not told apart",
+    }
 }
 
 fn described(variant: &Variant, metric: Metric) -> String {
@@ -249,6 +254,13 @@ fn described(variant: &Variant, metric: Metric) -> String {
         (None, 0) => format!("{mean:.4}           one model, no seeds"),
         (None, _) => format!("{mean:.4}           1 seed"),
     }
+}
+
+/// A sentence for each pair of variants in one metric.
+#[must_use]
+pub fn sentences(study: &Study, part: &Part, metric: Metric) -> Vec<String> {
+    let own = part.differences.iter().filter(|one| one.metric == metric);
+    own.map(|one| sentence(one, part, study.effect)).collect()
 }
 
 /// One sentence about a pair, and what it would take.

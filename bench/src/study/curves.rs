@@ -200,26 +200,101 @@ impl Curves {
     /// The charts that have something to show: name of the file and SVG.
     #[must_use]
     pub fn charts(&self) -> Vec<(&'static str, String)> {
-        let mut charts = Vec::new();
-        for (name, title, columns) in CHARTS {
-            let panels: Vec<Panel> = columns
-                .iter()
-                .map(|column| self.panel(column))
-                .filter(|panel| !panel.curves.is_empty())
-                .collect();
-            if panels.is_empty() {
-                continue;
-            }
-            let chart = Chart {
-                title: title.to_owned(),
-                note:
-                    "mean over the seeds of a variant; band: one standard deviation between seeds"
-                        .to_owned(),
-                panels,
-            };
-            charts.push((name, chart.svg()));
+        let chart = |(name, title, panels): (&'static str, &'static str, Vec<Panel>)| {
+            (name, chart(title, panels))
+        };
+        self.groups().map(chart).collect()
+    }
+
+    /// The same with a chart for each diagram: title of the group, and its SVGs.
+    #[must_use]
+    pub fn charts_apart(&self) -> Vec<(&'static str, Vec<String>)> {
+        let apart = |(_, title, panels): (&'static str, &'static str, Vec<Panel>)| {
+            let charts = panels.into_iter().map(|mut panel| {
+                let title = std::mem::take(&mut panel.title);
+                chart(&title, vec![panel])
+            });
+            (title, charts.collect())
+        };
+        self.groups().map(apart).collect()
+    }
+
+    /// Name of the file, title and diagrams of the charts that have something to show.
+    fn groups(&self) -> impl Iterator<Item = (&'static str, &'static str, Vec<Panel>)> {
+        CHARTS.into_iter().filter_map(|(name, title, columns)| {
+            let panels = columns.iter().map(|column| self.panel(column));
+            let panels: Vec<Panel> = panels.filter(|panel| !panel.curves.is_empty()).collect();
+            (!panels.is_empty()).then_some((name, title, panels))
+        })
+    }
+
+    /// What is drawn at the last epoch of each variant, in the text of a table: the headings, and a line for
+    /// each variant, mean ± deviation over seeds.
+    #[must_use]
+    pub fn last(&self) -> (Vec<&'static str>, Vec<(String, Vec<String>)>) {
+        let drawn = CHARTS.iter().flat_map(|(.., columns)| columns.iter());
+        let drawn: Vec<&Column> = drawn
+            .filter(|column| !self.panel(column).curves.is_empty())
+            .collect();
+        let last = |variant: usize, column: &Column| {
+            let key = (variant, column.table, column.name.to_owned());
+            let (_, point) = self.points.get(&key)?.last_key_value()?;
+            Some(match point.deviation {
+                Some(deviation) => format!("{:.3} ± {deviation:.3}", point.mean),
+                None => format!("{:.3}", point.mean),
+            })
+        };
+        let lines = self.variants.iter().enumerate().map(|(index, variant)| {
+            let cells = drawn.iter().map(|column| last(index, column));
+            let cells = cells.map(|cell| cell.unwrap_or_else(|| "-".to_owned()));
+            (variant.clone(), cells.collect())
+        });
+        let lines = lines.collect();
+        (drawn.iter().map(|column| column.title).collect(), lines)
+    }
+
+    /// Reads what [`csv`](Self::csv) has written.
+    ///
+    /// # Errors
+    /// It is something else.
+    pub fn from_csv(bytes: &[u8]) -> Result<Self, CsvError> {
+        #[derive(serde::Deserialize)]
+        struct Line {
+            variant: String,
+            table: String,
+            column: String,
+            epoch: u64,
+            seeds: usize,
+            mean: f64,
+            deviation: Option<f64>,
         }
-        charts
+        let lines: Vec<Line> = strat_csv::Reader::new(bytes).deserialize()?;
+        let mut curves = Self::default();
+        for line in lines {
+            let known = [VALIDATION, SCALARS, DIAGNOSTICS];
+            let is_of = |name: &&str| name.trim_end_matches(".csv") == line.table;
+            // What later versions draw besides is not drawn here.
+            let Some(table) = known.into_iter().find(is_of) else {
+                continue;
+            };
+            let variants = &mut curves.variants;
+            let index = variants.iter().position(|name| *name == line.variant);
+            let index = index.unwrap_or_else(|| {
+                variants.push(line.variant.clone());
+                variants.len() - 1
+            });
+            let points = curves
+                .points
+                .entry((index, table, line.column))
+                .or_default();
+            let point = Point {
+                mean: line.mean,
+                deviation: line.deviation,
+                seeds: line.seeds,
+            };
+            points.insert(line.epoch, point);
+        }
+        Ok(curves)
     }
 
     fn panel(&self, column: &Column) -> Panel {
@@ -294,6 +369,16 @@ impl Curves {
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }
+}
+
+fn chart(title: &str, panels: Vec<Panel>) -> String {
+    Chart {
+        title: title.to_owned(),
+        note: "mean over the seeds of a variant; band: one standard deviation between seeds"
+            .to_owned(),
+        panels,
+    }
+    .svg()
 }
 
 /// Means of the columns of a table over the lines of each epoch. A last line that was cut off is no line.
@@ -404,6 +489,24 @@ mod tests {
         assert_eq!(names, ["learning", "training"]);
         // A variant has one colour, also where those before it are not drawn.
         assert!(charts[1].1.contains("#d55e00") && !charts[1].1.contains("#0072b2"));
+        // What is written is what is read.
+        let again = Curves::from_csv(csv.as_bytes()).unwrap();
+        assert_eq!(again.charts(), charts);
+        assert!(Curves::from_csv(b"variant,epoch\na,1\n").is_err());
+        let apart = again.charts_apart();
+        assert_eq!(apart[0].0, "Validation");
+        assert_eq!(apart[0].1.len(), 2, "Abs Rel, and RMSE of one variant");
+        let (heads, lines) = again.last();
+        assert_eq!(heads, ["Abs Rel", "RMSE", "Adversarial term"]);
+        let cells = |index: usize| lines[index].1.join(", ");
+        assert_eq!(
+            (lines[0].0.as_str(), cells(0)),
+            ("b", "0.200 ± 0.000, -, -".into())
+        );
+        assert_eq!(
+            (lines[1].0.as_str(), cells(1)),
+            ("a", "0.250, 6.000, 4.000".into())
+        );
         assert!(charts[0].1.contains("b (2 seeds)") && charts[0].1.contains("a (1 seed)"));
         std::fs::write(runs[2].folder.join(VALIDATION), "step,abs_rel\n1,2\n").unwrap();
         runs.truncate(3);

@@ -23,6 +23,8 @@ use crate::{
 pub const RECORD: &str = "study-results.yaml";
 /// The folder of curves.
 pub const CURVES: &str = "curves";
+/// The numbers of the curves, in their folder.
+pub const CURVES_TABLE: &str = "curves.csv";
 /// The folder of pictures of what models make of images.
 pub const FIGURES: &str = "figures";
 
@@ -84,6 +86,18 @@ impl Answer {
             ablations,
             text,
         })
+    }
+
+    /// What is known under each protocol.
+    #[must_use]
+    pub fn studies(&self) -> &[Study] {
+        &self.studies
+    }
+
+    /// The ablations in the shape of the thesis' tables.
+    #[must_use]
+    pub fn ablations(&self) -> &[Table] {
+        &self.ablations
     }
 
     /// Ablations and sentences, for a terminal.
@@ -155,7 +169,7 @@ pub fn curves(curves: &Curves, out: &Path) -> Result<(), StudyError> {
     }
     let folder = out.join(CURVES);
     files::make_folder(&folder)?;
-    files::write_atomic(&folder.join("curves.csv"), &curves.csv()?)?;
+    files::write_atomic(&folder.join(CURVES_TABLE), &curves.csv()?)?;
     for (name, svg) in curves.charts() {
         files::write_atomic(&folder.join(format!("{name}.svg")), svg.as_bytes())?;
         let picture = png::png(&svg, ZOOM)?;

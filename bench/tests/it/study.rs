@@ -186,6 +186,66 @@ fn folders_of_two_machines_give_what_one_gives() {
     }
 }
 
+/// The page has the answer's sentences, and no verdicts between seeds.
+#[test]
+fn a_report_has_a_section_of_the_study() {
+    let world = World::new(Split::Kitti, IMAGES, false);
+    let folder = study(&world, "study", &ALL);
+    for (variant, seed, _) in ALL {
+        let run = folder.join(format!("runs/{variant}@{seed}"));
+        let scalars = "step,epoch,discriminator,accuracy_real\n0,1,1.3,0.5\n1,2,1.2,0.75\n";
+        fs::write(run.join("scalars.csv"), scalars).unwrap();
+        let pulls = format!("step,epoch,gradient_adversarial\n0,1,0.{seed}\n1,2,0.{seed}\n");
+        fs::write(run.join("diagnostics.csv"), pulls).unwrap();
+    }
+    let out = world.path("out");
+    bench_study(&[&folder], &out, &["--no-figures"]).code(0);
+    let mut command = Command::cargo_bin("bench").unwrap();
+    run(command.arg("report").arg(&out)).code(0);
+    let page = read(&out.join("report.html"));
+    assert!(page.contains("<h2 id=\"study\">Study</h2>"));
+    let answer = read(&out.join("kitti/answer.txt"));
+    let sentence = answer
+        .lines()
+        .find(|line| line.starts_with("strat is better than no-adv"));
+    let sentence = sentence.unwrap().replace('<', "&lt;");
+    assert!(page.contains(&sentence), "{sentence}");
+    for part in [
+        "Ablation. ",
+        "Real patches",
+        "Adversarial",
+        "strat (3 seeds)",
+        "At the last epoch",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
+    // Three runs with one number each, and one mean of seeds 1, 2 and 10: 0.1, 0.2 and 0.10.
+    assert!(
+        page.contains("0.133 ± 0.058"),
+        "the gradients at the last epoch"
+    );
+    assert!(!page.contains("Which is better, by how much"));
+
+    // Of an answer from rows alone, where these still are.
+    let rows = out.join("kitti/rows.csv");
+    let alone = world.path("alone");
+    let of_rows = ["study", "--rows", &text(&rows), "--out", &text(&alone)];
+    run(Command::cargo_bin("bench").unwrap().args(of_rows)).code(0);
+    run(Command::cargo_bin("bench")
+        .unwrap()
+        .arg("report")
+        .arg(&alone))
+    .code(0);
+    assert!(read(&alone.join("report.html")).contains(&sentence));
+    fs::remove_file(rows).unwrap();
+    run(Command::cargo_bin("bench")
+        .unwrap()
+        .arg("report")
+        .arg(&alone))
+    .code(1)
+    .says("rows.csv");
+}
+
 #[test]
 fn another_set_and_another_metric_may_be_asked_for() {
     let world = World::new(Split::Kitti, IMAGES, false);
