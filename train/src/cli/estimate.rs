@@ -1,9 +1,12 @@
 //! `train estimate`: memory and time of a step by batch size, measured in processes of their own.
 
+use std::path::PathBuf;
+
 use clap::Args;
 use serde::Serialize;
 use strat_store::command::{CliError, eprint_line, print_line};
 use strat_store::human;
+use strat_store::set::PreparedSet;
 
 use super::setup::Setup;
 use crate::device::DeviceChoice;
@@ -25,6 +28,16 @@ pub(super) struct EstimateArgs {
     /// Print one line of JSON for scripts.
     #[arg(long)]
     json: bool,
+}
+
+/// One measurement.
+#[derive(Debug, Args)]
+pub(super) struct MeasureArgs {
+    #[command(flatten)]
+    of: EstimateArgs,
+    /// Prepared set of whose pairs some are validated.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
 }
 
 /// What `estimate` tells, for scripts.
@@ -120,8 +133,10 @@ pub(super) fn measure_apart(
 }
 
 /// One measurement, in this process.
-pub(super) fn measure(args: &EstimateArgs) -> Result<(), CliError> {
-    let config = args.setup.resolve(args.setup.named()?, &args.setup.set)?;
-    let (device, _) = args.setup.devices()?;
-    print_json(&memory::measure(&config, device)?)
+pub(super) fn measure(args: &MeasureArgs) -> Result<(), CliError> {
+    let setup = &args.of.setup;
+    let config = setup.resolve(setup.named()?, &setup.set)?;
+    let (device, _) = setup.devices()?;
+    let set = args.data.as_deref().map(PreparedSet::open).transpose()?;
+    print_json(&memory::measure(&config, device, set.as_ref())?)
 }

@@ -16,7 +16,7 @@ use strat_store::command::{CliError, DONE, USAGE, fail, print_line, utf8_argumen
 use strat_store::shell::{self, ColourArg, CompletionsArgs, take_colour};
 
 use self::check::CheckArgs;
-use self::estimate::EstimateArgs;
+use self::estimate::{EstimateArgs, MeasureArgs};
 use self::export::ExportArgs;
 use self::study::StudyArgs;
 use self::train::TrainArgs;
@@ -62,7 +62,7 @@ enum Command {
     Check(CheckArgs),
     /// One measurement of `estimate`, in a process of its own.
     #[command(hide = true)]
-    Measure(EstimateArgs),
+    Measure(MeasureArgs),
     /// Lists the devices that --device can name.
     #[command(after_help = "\
 Examples:

@@ -9,12 +9,13 @@ use strat_store::signals::Watch;
 
 use super::setup::devices_of;
 use crate::device::DeviceChoice;
-use crate::study::cost::Costs;
+use crate::study::cost::{self, Cost, Costs};
 use crate::study::file::{BUILT_IN, StudyFile};
 use crate::study::folder;
 use crate::study::plan::{Study, StudyRun};
 use crate::study::state::State;
 use crate::study::work::{Options, work};
+use crate::training::memory;
 
 const EXAMPLES: &str = "Examples:
   train study study-kitti --data prepared/kitti --out studies/kitti --dry-run
@@ -155,7 +156,8 @@ fn list(
     let open = |state: &State| matches!(state, State::NotBegun | State::Begun { .. });
     let ahead = runs.iter().copied().zip(&states);
     let ahead: Vec<&StudyRun> = ahead.filter(|(_, s)| open(s)).map(|(run, _)| run).collect();
-    let costs = Costs::measure(study, &ahead, device, |text| eprint_line(text))?;
+    let jobs = args.jobs as usize;
+    let measured = Costs::measure(study, &ahead, device, jobs, |text| eprint_line(text))?;
     let width = runs
         .iter()
         .map(|run| run.name.len())
@@ -166,35 +168,48 @@ fn list(
         "{:width$}  {:22}  {:>8}  {:>12}  memory",
         "run", "state", "steps", "time"
     ))?;
-    let (mut seconds, mut steps_left) = (0.0, 0);
+    let mut costs = Vec::new();
     for (run, state) in runs.iter().zip(&states) {
-        let left = run.timeline.end.saturating_sub(state.steps(run));
-        let cost = costs.of(run)?.filter(|_| open(state));
-        let (time, memory) = cost.map_or_else(Default::default, |cost| {
-            seconds += left as f64 * cost.step_seconds;
-            (
-                human::duration(left as f64 * cost.step_seconds),
-                human::bytes(cost.peak_bytes as u64),
-            )
-        });
-        let left = if open(state) { left } else { 0 };
-        steps_left += left;
+        let cost = measured.of(study, run, state)?;
+        let (time, memory) = if open(state) {
+            let memory = human::bytes(cost.bytes as u64);
+            (human::duration(cost.seconds), memory)
+        } else {
+            Default::default()
+        };
         let line = format!(
-            "{:width$}  {:22}  {left:>8}  {time:>12}  {memory}",
+            "{:width$}  {:22}  {:>8}  {time:>12}  {memory}",
             run.name,
-            state.word(run)
+            state.word(run),
+            cost.steps
         );
         print_line(line.trim_end())?;
+        costs.push(cost);
     }
     let count = |word: fn(&State) -> bool| states.iter().filter(|state| word(state)).count();
+    let sum = |value: fn(&Cost) -> f64| costs.iter().map(value).sum::<f64>();
+    let steps: u64 = costs.iter().map(|cost| cost.steps).sum();
+    let validations: u64 = costs.iter().map(|cost| cost.validations).sum();
+    let together = match jobs {
+        1 => format!("{} one after another", human::duration(sum(|c| c.seconds))),
+        _ => {
+            // The memory of a GPU is not known.
+            let memory = match device {
+                DeviceChoice::Cpu if !args.ignore_memory => memory::free(),
+                _ => f64::INFINITY,
+            };
+            let seconds = cost::side_by_side(&costs, jobs, memory);
+            format!("{} with {jobs} side by side", human::duration(seconds))
+        }
+    };
     print_line(format_args!(
-        "{} runs: {} finished, {} begun, {} not begun; {steps_left} steps, about {} one after another, \
-         without validation",
+        "{} runs: {} finished, {} begun, {} not begun; {steps} steps and {validations} validations, about \
+         {together}; validations are {:.0} % of the work",
         runs.len(),
         count(|s| matches!(s, State::Finished)),
         count(|s| matches!(s, State::Begun { .. })),
         count(|s| matches!(s, State::NotBegun)),
-        human::duration(seconds),
+        100.0 * sum(|c| c.validation_seconds) / sum(|c| c.seconds).max(f64::MIN_POSITIVE),
     ))?;
     for (run, state) in runs.iter().zip(&states) {
         if let State::Foreign(reason) = state {

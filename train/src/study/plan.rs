@@ -23,6 +23,8 @@ pub struct StudySet {
     pub digest: String,
     /// Training pairs.
     pub pairs: usize,
+    /// Validation pairs.
+    pub validation_pairs: usize,
 }
 
 impl StudySet {
@@ -34,11 +36,14 @@ impl StudySet {
         let set = PreparedSet::open(folder)?;
         // Sizes and the cache are irrelevant: the pairs are only counted.
         let pairs = Pairs::from_set(&set, Role::Train, 1, 1, 0)?.count();
+        let held_out = set.samples(Role::Val)?;
+        let held_out = held_out.iter().filter(|sample| sample.right.is_some());
         Ok(Self {
             folder: claim::resolve(folder)?,
             content: set.manifest.content,
             digest: set.manifest.data_digest,
             pairs,
+            validation_pairs: held_out.count(),
         })
     }
 }

@@ -27,9 +27,6 @@ use crate::training::trainer::Trainer;
 /// How often it is looked how far the runs are.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
-/// Where threads of rayon are counted.
-const THREADS: &str = "RAYON_NUM_THREADS";
-
 /// How runs are done.
 #[derive(Clone, Debug)]
 pub struct Options<'a> {
@@ -321,10 +318,7 @@ impl<'a> Crew<'a> {
         if options.ignore_memory {
             command.arg("--ignore-memory");
         }
-        if options.jobs > 1 && std::env::var_os(THREADS).is_none() {
-            let cores = std::thread::available_parallelism().map_or(1, usize::from);
-            command.env(THREADS, (cores / options.jobs).max(1).to_string());
-        }
+        memory::share_cores(&mut command, options.jobs);
         command
             .stdin(Stdio::piped())
             .stdout(Stdio::null())

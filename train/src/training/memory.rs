@@ -10,12 +10,14 @@
 //! Not here: the memory of GPUs before a step, which burn does not tell; a measurement on a GPU
 //! reports what its backend has reserved after the steps.
 
-use std::process::{Command, Stdio};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
 use std::time::Instant;
 
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use strat_store::human;
+use strat_store::set::PreparedSet;
 use sysinfo::{MemoryRefreshKind, RefreshKind, System};
 
 use crate::config::{Config, Preset, Sharing};
@@ -28,6 +30,7 @@ use crate::network::layers::{Convolution, Ops, TransposedConvolution};
 use crate::random::{Draws, Purpose};
 use crate::training::schedule::Timeline;
 use crate::training::trainer::Trainer;
+use crate::training::validation::Validation;
 
 /// Bytes of the program itself with its threads and buffers.
 const PROGRAM: f64 = 17e6;
@@ -252,14 +255,21 @@ pub struct Measured {
     pub peak_bytes: f64,
     /// Seconds of the fastest optimizer step but the first.
     pub step_seconds: f64,
+    /// Seconds that the validation of a pair took; none where no set was given, or it has no such pairs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub validation_seconds: Option<f64>,
 }
 
-/// Takes optimizer steps on noise and reports what they took; meant to be the only work of its
-/// process.
+/// Takes optimizer steps on noise and reports what they took, and what it takes to validate pairs of a set
+/// where one is given; meant to be the only work of its process.
 ///
 /// # Errors
-/// When the device does not answer, a step fails, or the system does not tell peaks.
-pub fn measure(config: &Config, device: DeviceChoice) -> Result<Measured> {
+/// When the device does not answer, a step fails, the set cannot be read, or the system does not tell peaks.
+pub fn measure(
+    config: &Config,
+    device: DeviceChoice,
+    set: Option<&PreparedSet>,
+) -> Result<Measured> {
     /// The first step lacks the moments of Adam.
     const STEPS: u64 = 3;
     let open = device.open()?;
@@ -279,11 +289,56 @@ pub fn measure(config: &Config, device: DeviceChoice) -> Result<Measured> {
             fastest = fastest.min(started.elapsed().as_secs_f64());
         }
     }
+    // Of the steps alone.
+    let peak_bytes = reserved(&open).map_or_else(peak_of_process, Ok)?;
+    let validation_seconds = match set {
+        Some(set) => validation_of_a_pair(set, config, &trainer, &open)?,
+        None => None,
+    };
     Ok(Measured {
         batch: config.batch,
-        peak_bytes: reserved(&open).map_or_else(peak_of_process, Ok)?,
+        peak_bytes,
         step_seconds: fastest,
+        validation_seconds,
     })
+}
+
+/// Seconds that the validation of a pair takes, from a few of them.
+fn validation_of_a_pair(
+    set: &PreparedSet,
+    config: &Config,
+    trainer: &Trainer,
+    device: &Device,
+) -> Result<Option<f64>> {
+    if config.validation.every == 0 {
+        return Ok(None);
+    }
+    // As many as a run scores at a time, twice, so that batches are full.
+    let mut few = config.clone();
+    few.validation.images = 2 * config.batch;
+    let Some(validation) = Validation::open(set, &few)? else {
+        return Ok(None);
+    };
+    let mut seconds = f64::INFINITY;
+    for _ in 0..2 {
+        let started = Instant::now();
+        let scores = validation.score(&trainer.generator(), &few, device);
+        // An untrained network may give maps that cannot be scored; the time is the same.
+        drop(scores);
+        seconds = seconds.min(started.elapsed().as_secs_f64());
+    }
+    Ok(Some(seconds / validation.count() as f64))
+}
+
+/// Where threads of rayon are counted.
+const THREADS: &str = "RAYON_NUM_THREADS";
+
+/// Divides the cores among `jobs` processes like this one, unless the environment says something else.
+pub(crate) fn share_cores(command: &mut Command, jobs: usize) {
+    if jobs > 1 && std::env::var_os(THREADS).is_none() {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        command.env(THREADS, (cores / jobs).max(1).to_string());
+    }
 }
 
 /// [`measure`] in a process of its own, so that its peak is no other's: `train measure` with the
@@ -297,6 +352,51 @@ pub fn measure_apart(
     settings: &[String],
     device: DeviceChoice,
 ) -> Result<Measured> {
+    let mut command = measurement((source, preset), settings, device, None)?;
+    read_measurement(command.output()?)
+}
+
+/// The same as often as `jobs` says, side by side as runs of a study are, and with the validation of pairs
+/// of the set in the folder `set`: the mean.
+///
+/// # Errors
+/// As [`measure_apart`].
+pub fn measure_side_by_side(
+    base: (&str, Option<Preset>),
+    settings: &[String],
+    device: DeviceChoice,
+    set: &Path,
+    jobs: usize,
+) -> Result<Measured> {
+    let mut children = Vec::new();
+    for _ in 0..jobs {
+        let mut command = measurement(base, settings, device, Some(set))?;
+        share_cores(&mut command, jobs);
+        children.push(command.stdout(Stdio::piped()).spawn()?);
+    }
+    // All of them are waited for, also where one has failed.
+    let ended: Vec<_> = children
+        .into_iter()
+        .map(|child| read_measurement(child.wait_with_output()?))
+        .collect();
+    let measured = ended.into_iter().collect::<Result<Vec<_>>>()?;
+    let count = measured.len().max(1) as f64;
+    let mean = |value: fn(&Measured) -> f64| measured.iter().map(value).sum::<f64>() / count;
+    let validated = measured.iter().all(|m| m.validation_seconds.is_some());
+    Ok(Measured {
+        batch: measured.first().map_or(0, |first| first.batch),
+        peak_bytes: mean(|m| m.peak_bytes),
+        step_seconds: mean(|m| m.step_seconds),
+        validation_seconds: validated.then(|| mean(|m| m.validation_seconds.unwrap_or_default())),
+    })
+}
+
+fn measurement(
+    (source, preset): (&str, Option<Preset>),
+    settings: &[String],
+    device: DeviceChoice,
+    set: Option<&Path>,
+) -> Result<Command> {
     let mut command = Command::new(std::env::current_exe()?);
     command.args(["measure", "--config", source]);
     command.args(["--device", &device.to_string()]);
@@ -306,7 +406,14 @@ pub fn measure_apart(
     for setting in settings {
         command.args(["--set", setting]);
     }
-    let output = command.stderr(Stdio::inherit()).output()?;
+    if let Some(set) = set {
+        command.arg("--data").arg(set);
+    }
+    command.stderr(Stdio::inherit());
+    Ok(command)
+}
+
+fn read_measurement(output: Output) -> Result<Measured> {
     if !output.status.success() {
         return Err(Error::Memory(format!(
             "the measurement of steps ended with {}; it may have run out of memory",
@@ -418,6 +525,7 @@ mod tests {
             batch,
             peak_bytes,
             step_seconds: 1.0,
+            validation_seconds: None,
         };
         let line = Need::through(&[at(1, 30.0), at(2, 40.0), at(4, 60.0)]).unwrap();
         assert!((line.fixed - 20.0).abs() < 1e-9 && (line.per_pair - 10.0).abs() < 1e-9);

@@ -246,7 +246,14 @@ fn runs_made_by_hand_are_taken_and_listed() {
     assert!(state("strat@1").starts_with("cannot be used 0"), "{out}");
     assert!(out.contains("`seed: 7` is now `seed: 1`"), "{out}");
     assert!(
-        out.contains("4 runs: 1 finished, 1 begun, 1 not begun; 20 steps"),
+        out.contains("4 runs: 1 finished, 1 begun, 1 not begun; 20 steps and 4 validations, about"),
+        "{out}"
+    );
+    assert!(out.contains("one after another; validations are "), "{out}");
+    let (code, out, text) = place.run("s", &["--dry-run", "--jobs", "2"]);
+    assert_eq!(code, Some(0), "{text}");
+    assert!(
+        out.contains("with 2 side by side; validations are "),
         "{out}"
     );
     assert!(!place.at("s/study.yaml").exists());
