@@ -20,7 +20,7 @@ use crate::{
         record::TOOL_VERSION,
     },
     figures::{self, Choice, Drawn, FigureError, Figures, ModelRecord},
-    matching,
+    matching::{self, Matcher, discriminator::Discriminator},
     model::{Model, leakage::Tested, vet::vet},
     notes::Notes,
     rows::compare,
@@ -33,7 +33,9 @@ Examples:
   bench figures --data eigen_set --model strat.onnx --rows results/rows.csv --worst 4 --out worst
   bench figures --data make3d_set --model strat.onnx --out figures
   bench figures --data kitti_set --matching --out matching
-      figure 3.2, and how often the cheapest match is the true one; no model takes part")]
+      figure 3.2, and how often the cheapest match is the true one; no model takes part
+  bench figures --data kitti_set --matching --discriminator runs/strat --out matching
+      the same with what a discriminator says (`train export runs/strat --discriminator` writes it)")]
 pub(super) struct FiguresArgs {
     /// Folder that `prep` has written
     #[arg(long, value_name = "DIR")]
@@ -70,6 +72,14 @@ pub(super) struct FiguresArgs {
     /// four of every texture]; may be given several times
     #[arg(long = "pixel", value_name = "X,Y", value_parser = pixel, requires = "matching")]
     pixels: Vec<(usize, usize)>,
+    /// With --matching: a run folder, or the file that `train export RUN --discriminator` writes; its
+    /// discriminator judges every place of a line too, on prepared images of the size it was trained on
+    #[arg(long, value_name = "RUN|FILE.onnx", requires = "matching")]
+    discriminator: Option<PathBuf>,
+    /// With --matching: pixels searched in each test image [default: 2000, or 8 with a discriminator, which
+    /// looks at every place of their lines]
+    #[arg(long, value_name = "N", requires = "matching", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    matching_pixels: Option<u32>,
     /// Protocol that errors are drawn under [default: that of the rows, or of the set's first table]
     #[arg(long, value_name = "NAME|FILE.yaml")]
     protocol: Option<String>,
@@ -104,6 +114,9 @@ struct Record {
     #[serde(flatten)]
     settings: Settings,
     models: Vec<ModelRecord>,
+    /// The discriminator that was asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    discriminator: Option<ModelRecord>,
     figures: Vec<String>,
     /// What was warned about.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -173,7 +186,8 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
     inputs.extend(
         [args.data.as_path()]
             .into_iter()
-            .chain(args.rows.as_deref()),
+            .chain(args.rows.as_deref())
+            .chain(args.discriminator.as_deref()),
     );
     let settings = Settings {
         data_digest: set.manifest.data_digest.clone(),
@@ -198,18 +212,31 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
         quiet: notes.quiet,
     };
     let mut drawn = Vec::new();
-    if !models.is_empty() {
-        let runtime = args.runtime.resolve()?;
-        let threads = args.threads.within_model();
+    let threads = args.threads.within_model();
+    let runtime = if models.is_empty() && args.discriminator.is_none() {
+        None
+    } else {
+        Some(args.runtime.resolve()?)
+    };
+    let device = args.runtime.device;
+    let mut judge = None;
+    if let (Some(path), Some(runtime)) = (&args.discriminator, &runtime) {
+        let kernel = set.manifest.kernel;
+        let opened = Discriminator::open(path, kernel, runtime, device, threads);
+        let opened = opened.map_err(CliError::usage)?;
+        if let Some(doubt) = &opened.doubt {
+            notes.warn(doubt.clone());
+        }
+        judge = Some(opened);
+    }
+    if let Some(runtime) = &runtime {
         for NamedFile { name, file } in &models {
-            let opened = Model::open(name, file, &runtime, args.runtime.device, threads).and_then(
-                |mut model| {
-                    Ok((
-                        vet(&mut model, Some(Tested::new(&set.manifest, &samples)))?,
-                        model,
-                    ))
-                },
-            );
+            let opened = Model::open(name, file, runtime, device, threads).and_then(|mut model| {
+                Ok((
+                    vet(&mut model, Some(Tested::new(&set.manifest, &samples)))?,
+                    model,
+                ))
+            });
             match opened {
                 Ok((vetting, mut model)) => {
                     vetting.notes.iter().for_each(|note| notes.note(note));
@@ -249,9 +276,16 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
         written = figures.write(&args.out, &drawn)?;
     }
     if args.matching {
-        let pixels = &args.pixels;
-        let first = &chosen[0];
-        let found = matching::write(&args.out, &set, &samples, first, pixels, &pool, notes.quiet);
+        let matcher = Matcher {
+            set: &set,
+            samples: &samples,
+            image: &chosen[0],
+            pixels: &args.pixels,
+            per_image: args.matching_pixels.map(|pixels| pixels as usize),
+            pool: &pool,
+            quiet: notes.quiet,
+        };
+        let found = matcher.write(&args.out, judge.as_mut());
         let found = found.map_err(CliError::from)?;
         for problem in &found.survey.problems {
             notes.fail(problem.clone());
@@ -274,6 +308,11 @@ pub(super) fn run(args: &FiguresArgs, arguments: Vec<String>) -> anyhow::Result<
         data: args.data.clone(),
         settings,
         models: drawn.into_iter().map(|one| one.record).collect(),
+        discriminator: judge.map(|judge| ModelRecord {
+            name: "discriminator".to_owned(),
+            file: judge.path,
+            blake3: judge.blake3,
+        }),
         warnings: notes.warnings,
         figures: written.clone(),
     };

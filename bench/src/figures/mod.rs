@@ -36,6 +36,7 @@ use crate::{
         predictions::{SavedError, SavedPredictions},
         sample::load_image,
     },
+    matching::discriminator::DiscriminatorError,
     model::{self, Model, ModelError},
 };
 
@@ -97,6 +98,9 @@ pub enum FigureError {
         /// Rows of the image.
         height: usize,
     },
+    /// The discriminator cannot be used.
+    #[error(transparent)]
+    Discriminator(#[from] DiscriminatorError),
     /// The set has no tables.
     #[error("this set has no protocol of its own; give one with `--protocol`")]
     NoProtocol,

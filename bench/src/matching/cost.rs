@@ -15,11 +15,24 @@ pub enum Cost {
     Dssim,
     /// What the thesis' stereo objective weighs: DSSIM + 0.1 L1 (PROTOCOL 4.4).
     Objective,
+    /// What a trained discriminator makes of the view; see [`super::discriminator`].
+    Discriminator,
 }
 
 impl Cost {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::L1, Self::Dssim, Self::Objective];
+    /// Those that compare two images.
+    pub const PHOTOMETRIC: [Self; 3] = [Self::L1, Self::Dssim, Self::Objective];
+    const ALL: [Self; 4] = [Self::L1, Self::Dssim, Self::Objective, Self::Discriminator];
+
+    /// Those that there are, with or without a discriminator.
+    #[must_use]
+    pub fn all(with_discriminator: bool) -> &'static [Self] {
+        if with_discriminator {
+            &Self::ALL
+        } else {
+            &Self::PHOTOMETRIC
+        }
+    }
 
     /// Name in tables.
     #[must_use]
@@ -28,6 +41,7 @@ impl Cost {
             Self::L1 => "l1",
             Self::Dssim => "dssim",
             Self::Objective => "objective",
+            Self::Discriminator => "discriminator",
         }
     }
 
@@ -38,6 +52,7 @@ impl Cost {
             Self::L1 => "L1",
             Self::Dssim => "DSSIM 3x3",
             Self::Objective => "DSSIM + 0.1 L1",
+            Self::Discriminator => "discriminator",
         }
     }
 }
@@ -54,8 +69,10 @@ pub struct Pair {
 /// within the right image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// By disparity, in the order of [`Cost::ALL`].
-    pub costs: [Vec<f64>; 3],
+    /// By disparity, in the order of [`Cost::all`].
+    pub costs: Vec<Vec<f64>>,
+    /// The discriminator's cost of the left image as it is, where one was asked.
+    pub untouched: Option<f64>,
 }
 
 impl Pair {
@@ -98,7 +115,7 @@ impl Pair {
             std::array::from_fn(|index| image[(y + index / 3 - 1) * self.width + x + index % 3 - 1])
         };
         let left = window(&self.left, x);
-        let mut costs = [Vec::new(), Vec::new(), Vec::new()];
+        let mut costs = vec![Vec::new(); Cost::PHOTOMETRIC.len()];
         for disparity in 0..=largest.min(x.saturating_sub(1)) {
             let right = window(&self.right, x - disparity);
             let l1 = l1(left[4], right[4]);
@@ -107,7 +124,57 @@ impl Pair {
                 costs.push(cost);
             }
         }
-        Line { costs }
+        Line {
+            costs,
+            untouched: None,
+        }
+    }
+
+    /// Where a patch of `side` begins that has a pixel as near to its middle as the image allows: column and
+    /// row.
+    fn patch_at(&self, (x, y): (usize, usize), side: usize) -> (usize, usize) {
+        let begin =
+            |at: usize, size: usize| at.saturating_sub(side / 2).min(size.saturating_sub(side));
+        (begin(x, self.width), begin(y, self.height))
+    }
+
+    /// The square of `side` pixels around a left pixel, `[3, side, side]`, black where the image is smaller.
+    #[must_use]
+    pub fn patch(&self, at: (usize, usize), side: usize) -> Vec<f32> {
+        let (left, top) = self.patch_at(at, side);
+        let mut patch = vec![0.0; 3 * side * side];
+        for row in 0..side.min(self.height) {
+            for column in 0..side.min(self.width) {
+                let pixel = self.left[(top + row) * self.width + left + column];
+                for (channel, value) in pixel.into_iter().enumerate() {
+                    patch[(channel * side + row) * side + column] = value;
+                }
+            }
+        }
+        patch
+    }
+
+    /// Replaces the pixels of a [`patch`](Self::patch) that are at most `half` from its pixel by those of the
+    /// right image that lie `disparity` to the left; black beyond its edge, as where views are synthesised.
+    pub fn move_window(
+        &self,
+        patch: &mut [f32],
+        at: (usize, usize),
+        side: usize,
+        half: usize,
+        disparity: usize,
+    ) {
+        let (left, top) = self.patch_at(at, side);
+        let (right, bottom) = ((left + side).min(self.width), (top + side).min(self.height));
+        for y in at.1.saturating_sub(half).max(top)..(at.1 + half + 1).min(bottom) {
+            for x in at.0.saturating_sub(half).max(left)..(at.0 + half + 1).min(right) {
+                let source = x.checked_sub(disparity);
+                let pixel = source.map_or([0.0; 3], |x| self.right[y * self.width + x]);
+                for (channel, value) in pixel.into_iter().enumerate() {
+                    patch[(channel * side + y - top) * side + x - left] = value;
+                }
+            }
+        }
     }
 
     /// Texture around a pixel that has all neighbours: mean absolute difference of horizontal neighbours
@@ -164,7 +231,13 @@ impl Line {
     /// Costs of one kind by disparity.
     #[must_use]
     pub fn of(&self, cost: Cost) -> &[f64] {
-        &self.costs[cost as usize]
+        self.costs.get(cost as usize).map_or(&[], Vec::as_slice)
+    }
+
+    /// The kinds of cost that it has.
+    #[must_use]
+    pub fn kinds(&self) -> &'static [Cost] {
+        Cost::all(self.costs.len() > Cost::PHOTOMETRIC.len())
     }
 
     /// The disparities of the lowest cost; several where they are equal.
@@ -213,7 +286,7 @@ mod tests {
         let pair = Pair::new(&noise(40, 12, 0), &noise(40, 12, 5)).unwrap();
         let line = pair.line(20, 6, 12);
         assert_eq!(line.of(Cost::L1).len(), 13);
-        for cost in Cost::ALL {
+        for cost in Cost::PHOTOMETRIC {
             assert_eq!(line.cheapest(cost), [5], "{cost:?}");
             assert!(line.of(cost)[5].abs() < 1e-12 && line.of(cost)[4] > 0.01);
             assert_eq!(line.found(cost, 7.5, 3.0), 1.0);
@@ -249,5 +322,40 @@ mod tests {
         let ramp = RgbImage::from_fn(30, 5, |x, _| Rgb([4 * x as u8; 3]));
         let texture = Pair::new(&ramp, &flat).unwrap().texture(9, 3);
         assert!((texture - 4.0).abs() < 1e-4, "{texture}");
+    }
+
+    /// A patch with the window of another disparity: what lies in the window is the right image's, the rest the
+    /// left one's, and at the right disparity nothing changes.
+    #[test]
+    fn a_window_is_taken_from_the_right_image() {
+        let (left, right) = (noise(40, 20, 0), noise(40, 20, 5));
+        let pair = Pair::new(&left, &right).unwrap();
+        let value =
+            |image: &RgbImage, x: u32, y: u32| f32::from(image.get_pixel(x, y).0[1]) / 255.0;
+        // A patch of 8 around (2, 18) begins at (0, 12).
+        let at = (2, 18);
+        let plain = pair.patch(at, 8);
+        assert_eq!(plain.len(), 3 * 64);
+        assert_eq!(plain[64 + 3 * 8 + 4], value(&left, 4, 15));
+        let mut moved = plain.clone();
+        pair.move_window(&mut moved, at, 8, 1, 1);
+        for (row, column) in (0..8).flat_map(|row| (0..8).map(move |column| (row, column))) {
+            let (x, y) = (column as u32, 12 + row as u32);
+            let inside = (1..=3).contains(&x) && (17..=19).contains(&y);
+            let expected = if inside {
+                value(&right, x - 1, y)
+            } else {
+                value(&left, x, y)
+            };
+            assert_eq!(moved[64 + row * 8 + column], expected, "{x} {y}");
+        }
+        // Beyond the right image it is black, and where the images agree nothing changes.
+        let mut beyond = plain.clone();
+        pair.move_window(&mut beyond, at, 8, 1, 3);
+        assert_eq!(beyond[6 * 8 + 2], 0.0);
+        let plain = pair.patch((20, 10), 8);
+        let mut same = plain.clone();
+        pair.move_window(&mut same, (20, 10), 8, 2, 5);
+        assert_eq!(same, plain);
     }
 }

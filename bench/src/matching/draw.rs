@@ -21,6 +21,7 @@ const QUALITY: u8 = 90;
 /// Colours of marks: pixels and true places, and cheapest ones.
 const TRUE: Rgb<u8> = Rgb([0, 230, 90]);
 const CHEAPEST: Rgb<u8> = Rgb([255, 60, 40]);
+const JUDGED: Rgb<u8> = Rgb([60, 110, 255]);
 
 /// A pixel that is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,18 +78,23 @@ pub fn nearest(view: &View, (x, y): (usize, usize)) -> Option<Chosen> {
 
 /// Costs along the line of each pixel, a panel each.
 #[must_use]
-pub fn costs(image: &str, view: &View, chosen: &[Chosen]) -> String {
-    let panels = chosen.iter().zip(1..).map(|(one, number)| {
-        let line = view.line(one.at);
-        panel(number, view, one, &line)
-    });
+pub fn costs(image: &str, view: &View, chosen: &[(Chosen, Line)], window: Option<usize>) -> String {
+    let panels = chosen.iter().zip(1..);
+    let panels = panels.map(|((one, line), number)| panel(number, view, one, line));
+    let mut note = format!(
+        "Each cost as a share of its largest on the line, {} size; the dashed line marks the true disparity, \
+         circles the cheapest.",
+        if view.native { "native" } else { "prepared" }
+    );
+    if let Some(window) = window {
+        note += &format!(
+            " The discriminator's, from its lowest to its largest: its adversarial term for the left image \
+             with {window}x{window} px around the pixel from the right image at that disparity."
+        );
+    }
     Chart {
         title: format!("Figure 3.2  Matching cost along the line of a pixel: {image}"),
-        note: format!(
-            "Each cost as a share of its largest on the line, {} size; the dashed line marks the true \
-             disparity, circles the cheapest.",
-            if view.native { "native" } else { "prepared" }
-        ),
+        note,
         panels: panels.collect(),
     }
     .svg()
@@ -96,31 +102,8 @@ pub fn costs(image: &str, view: &View, chosen: &[Chosen]) -> String {
 
 fn panel(number: usize, view: &View, one: &Chosen, line: &Line) -> Panel {
     let texture = view.pair.texture(one.at.0, one.at.1);
-    let mut curves: Vec<Curve> = Cost::ALL
-        .into_iter()
-        .map(|cost| {
-            let costs = line.of(cost);
-            let largest = costs.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-            let cheapest = line.cheapest(cost);
-            let place = match cheapest.as_slice() {
-                [one] => format!("cheapest at {:.0} px", *one as f64 * view.scale),
-                many => format!("{} places equally cheap", many.len()),
-            };
-            let points = costs.iter().zip(0..);
-            Curve {
-                label: format!("{}: {place}", cost.heading()),
-                points: points
-                    .map(|(cost, disparity)| (f64::from(disparity) * view.scale, cost / largest))
-                    .collect(),
-                marks: if cheapest.len() == 1 {
-                    cheapest
-                } else {
-                    Vec::new()
-                },
-                ..Curve::default()
-            }
-        })
-        .collect();
+    let kinds = line.kinds().iter();
+    let mut curves: Vec<Curve> = kinds.map(|cost| curve(view, *cost, line)).collect();
     let truth = one.truth * view.scale;
     curves.push(Curve {
         label: format!("true: {truth:.1} px"),
@@ -140,33 +123,86 @@ fn panel(number: usize, view: &View, one: &Chosen, line: &Line) -> Panel {
     }
 }
 
+/// The costs of one kind by disparity, with a mark at the cheapest where there is one.
+fn curve(view: &View, cost: Cost, line: &Line) -> Curve {
+    let costs = line.of(cost);
+    let largest = costs.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    let lowest = costs.iter().copied().fold(largest, f64::min);
+    let cheapest = line.cheapest(cost);
+    let place = match cheapest.as_slice() {
+        [one] => format!("cheapest at {:.0} px", *one as f64 * view.scale),
+        many => format!("{} places equally cheap", many.len()),
+    };
+    // A window changes little of a patch, so that shares of the largest would all be nearly 1.
+    let (label, base) = match (cost, line.untouched) {
+        (Cost::Discriminator, Some(untouched)) => (
+            format!(
+                "{}: {place} ({lowest:.4} to {largest:.4}, untouched {untouched:.4})",
+                cost.heading()
+            ),
+            lowest,
+        ),
+        _ => (format!("{}: {place}", cost.heading()), 0.0),
+    };
+    let range = (largest - base).max(f64::MIN_POSITIVE);
+    let points = costs.iter().zip(0..);
+    Curve {
+        label,
+        points: points
+            .map(|(cost, disparity)| (f64::from(disparity) * view.scale, (cost - base) / range))
+            .collect(),
+        marks: if cheapest.len() == 1 {
+            cheapest
+        } else {
+            Vec::new()
+        },
+        ..Curve::default()
+    }
+}
+
 /// The pair with the chosen pixels, their lines, true and cheapest places.
 #[must_use]
-pub fn places(image: &str, view: &View, chosen: &[Chosen]) -> String {
+pub fn places(image: &str, view: &View, chosen: &[(Chosen, Line)]) -> String {
     let size = tile_size(view.left.width(), view.left.height(), WIDEST);
     let (mut left, mut right) = (view.left.clone(), view.right.clone());
-    for one in chosen {
+    for (one, line) in chosen {
         let (x, y) = one.at;
         cross(&mut left, (x as f64, y), TRUE);
         for column in x.saturating_sub(view.largest)..=x {
             blend(&mut right, (column, y));
         }
-        for cheapest in line_places(view, one) {
-            cross(&mut right, (x as f64 - cheapest as f64, y), CHEAPEST);
+        for &cost in [Cost::Objective, Cost::Discriminator]
+            .iter()
+            .filter(|cost| line.kinds().contains(cost))
+        {
+            if let [cheapest] = line.cheapest(cost).as_slice() {
+                let colour = if cost == Cost::Objective {
+                    CHEAPEST
+                } else {
+                    JUDGED
+                };
+                cross(&mut right, (x as f64 - *cheapest as f64, y), colour);
+            }
         }
         cross(&mut right, (x as f64 - one.truth, y), TRUE);
     }
+    let judged = chosen.iter().any(|(_, line)| line.untouched.is_some());
     let pixels: Vec<String> = chosen
         .iter()
         .zip(1..)
-        .map(|(one, number)| format!("{number} at ({}, {})", one.at.0, one.at.1))
+        .map(|((one, _), number)| format!("{number} at ({}, {})", one.at.0, one.at.1))
         .collect();
     let tile =
         |picture: &RgbImage, caption: String| Tile::photograph(picture, size, QUALITY, caption);
     Sheet {
         title: format!("Figure 3.2  Chosen pixels and their lines: {image}"),
         note: "Green: the pixel and its true place. Red: the cheapest place by DSSIM + 0.1 L1."
-            .to_owned(),
+            .to_owned()
+            + if judged {
+                " Blue: by the discriminator."
+            } else {
+                ""
+            },
         rows: vec![
             vec![tile(&left, format!("left: {}", pixels.join(", ")))],
             vec![tile(
@@ -176,15 +212,6 @@ pub fn places(image: &str, view: &View, chosen: &[Chosen]) -> String {
         ],
     }
     .svg()
-}
-
-fn line_places(view: &View, one: &Chosen) -> Vec<usize> {
-    let cheapest = view.line(one.at).cheapest(Cost::Objective);
-    if cheapest.len() == 1 {
-        cheapest
-    } else {
-        Vec::new()
-    }
 }
 
 /// A cross of five pixels to each side with a gap in the middle.
@@ -230,7 +257,8 @@ pub fn found(survey: &Survey) -> Vec<(&'static str, String)> {
         }
         .svg()
     };
-    Cost::ALL.map(|cost| (cost.name(), diagram(cost))).into()
+    let costs = survey.costs.iter();
+    costs.map(|&cost| (cost.name(), diagram(cost))).collect()
 }
 
 fn mark(label: String, bin: &Bin, cost: Cost) -> Mark {
@@ -261,6 +289,12 @@ pub fn words(survey: &Survey) -> String {
         "{} images searched, {} of them in native size\n",
         survey.images, survey.native
     );
+    if survey.costs.contains(&Cost::Discriminator) {
+        text += &format!(
+            "up to {} pixels of each, in the size that the discriminator was trained on\n",
+            survey.per_image
+        );
+    }
     let all = survey
         .all
         .iter()
@@ -272,7 +306,7 @@ pub fn words(survey: &Survey) -> String {
         .chain(all);
     for (label, bin) in bins {
         text += &format!("{label}:");
-        for (cost, ratio) in Cost::ALL.into_iter().zip(&bin.found) {
+        for (cost, ratio) in survey.costs.iter().zip(&bin.found) {
             text += &format!(" {} {:.1} %", cost.heading(), 100.0 * ratio.value);
             if let Some(interval) = ratio.interval {
                 text += &format!(

@@ -2,10 +2,11 @@
 //! along its line in the right image, where the truth lies, and how often the cheapest place is the true
 //! one.
 //!
-//! [`cost`] has the costs of a line, [`survey`](mod@survey) goes over a test set, [`draw`] makes the
-//! pictures. No model takes part.
+//! [`cost`] has the costs of a line, [`discriminator`] what a trained discriminator says of it,
+//! [`survey`](mod@survey) goes over a test set, [`draw`] makes the pictures. No depth model takes part.
 
 pub mod cost;
+pub mod discriminator;
 pub mod draw;
 pub mod survey;
 
@@ -16,7 +17,10 @@ use strat_store::{
     set::{PreparedSet, Sample},
 };
 
-use self::survey::{Survey, View};
+use self::{
+    discriminator::Discriminator,
+    survey::{Survey, View},
+};
 use crate::figures::{FigureError, write_sheets};
 
 /// The table of how often the cheapest place is the true one.
@@ -33,48 +37,81 @@ pub struct Matching {
     pub survey: Survey,
 }
 
-/// Draws figure 3.2 of an image, for the given pixels of it (in its own size) or some of every
-/// texture, and goes over all samples.
-///
-/// # Errors
-/// The image has no right view or no ground truth, or a figure cannot be written.
-pub fn write(
-    out: &Path,
-    set: &PreparedSet,
-    samples: &[Sample],
-    image: &Sample,
-    pixels: &[(usize, usize)],
-    pool: &rayon::ThreadPool,
-    quiet: bool,
-) -> Result<Matching, FigureError> {
-    let Some(view) = View::open(set, image)?.filter(|view| !view.truths.is_empty()) else {
-        return Err(FigureError::NoMatching {
-            image: image.id.clone(),
-        });
-    };
-    let mut chosen = Vec::new();
-    for &(x, y) in pixels {
-        chosen.push(draw::nearest(&view, (x, y)).ok_or_else(|| {
-            let (width, height) = view.pair.size();
-            FigureError::NoTruthAt {
+/// What figure 3.2 is made of.
+pub struct Matcher<'a> {
+    /// The prepared set.
+    pub set: &'a PreparedSet,
+    /// The samples that are searched.
+    pub samples: &'a [Sample],
+    /// The sample that is drawn.
+    pub image: &'a Sample,
+    /// Pixels of it that are drawn, in its own size; none for some of every texture.
+    pub pixels: &'a [(usize, usize)],
+    /// Pixels that are searched in each sample; none for as many as are usual.
+    pub per_image: Option<usize>,
+    /// Threads.
+    pub pool: &'a rayon::ThreadPool,
+    /// No progress.
+    pub quiet: bool,
+}
+
+impl Matcher<'_> {
+    /// Draws figure 3.2 of the image and goes over all samples, with what a discriminator says of the
+    /// prepared images where there is one.
+    ///
+    /// # Errors
+    /// The image has no right view or no ground truth, the discriminator does not run, or a figure cannot be
+    /// written.
+    pub fn write(
+        &self,
+        out: &Path,
+        mut judge: Option<&mut Discriminator>,
+    ) -> Result<Matching, FigureError> {
+        let Self { set, image, .. } = *self;
+        let size = judge.as_deref().map(Discriminator::image_size);
+        let view = View::open(set, image, size)?;
+        let Some(view) = view.filter(|view| !view.truths.is_empty()) else {
+            return Err(FigureError::NoMatching {
                 image: image.id.clone(),
-                x,
-                y,
-                width,
-                height,
-            }
-        })?);
+            });
+        };
+        let mut chosen = Vec::new();
+        for &(x, y) in self.pixels {
+            chosen.push(draw::nearest(&view, (x, y)).ok_or_else(|| {
+                let (width, height) = view.pair.size();
+                FigureError::NoTruthAt {
+                    image: image.id.clone(),
+                    x,
+                    y,
+                    width,
+                    height,
+                }
+            })?);
+        }
+        if chosen.is_empty() {
+            chosen = draw::by_texture(&view, &SHARES);
+        }
+        let mut lines = Vec::new();
+        for one in chosen {
+            let line = view.judged_line(one.at, judge.as_deref_mut())?;
+            lines.push((one, line));
+        }
+        let window = judge.as_deref().map(Discriminator::window);
+        let costs = draw::costs(&image.id, &view, &lines, window);
+        let mut written = write_sheets(out, "fig_3_2", &[costs])?;
+        let places = draw::places(&image.id, &view, &lines);
+        written.extend(write_sheets(out, "fig_3_2_places", &[places])?);
+        let usual = if judge.is_some() {
+            survey::JUDGED_PIXELS
+        } else {
+            survey::PIXELS
+        };
+        let per_image = self.per_image.unwrap_or(usual);
+        let survey = survey::survey(set, self.samples, judge, per_image, self.pool, self.quiet);
+        for (cost, svg) in draw::found(&survey) {
+            written.extend(write_sheets(out, &format!("fig_3_2_found_{cost}"), &[svg])?);
+        }
+        files::write_atomic(&out.join(TABLE), &survey.csv()?)?;
+        Ok(Matching { written, survey })
     }
-    if chosen.is_empty() {
-        chosen = draw::by_texture(&view, &SHARES);
-    }
-    let mut written = write_sheets(out, "fig_3_2", &[draw::costs(&image.id, &view, &chosen)])?;
-    let places = draw::places(&image.id, &view, &chosen);
-    written.extend(write_sheets(out, "fig_3_2_places", &[places])?);
-    let survey = survey::survey(set, samples, pool, quiet);
-    for (cost, svg) in draw::found(&survey) {
-        written.extend(write_sheets(out, &format!("fig_3_2_found_{cost}"), &[svg])?);
-    }
-    files::write_atomic(&out.join(TABLE), &survey.csv()?)?;
-    Ok(Matching { written, survey })
 }

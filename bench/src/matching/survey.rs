@@ -1,8 +1,9 @@
 //! How often the cheapest disparity is the true one, over a test set, by texture.
 //!
 //! For each test image with both views and ground truth, pixels spread evenly over those with truth are
-//! searched along their lines. Native images where the set has them, prepared ones otherwise;
-//! disparities and the three pixels that count as found are those of the native width either way.
+//! searched along their lines. Native images where the set has them, prepared ones otherwise and where a
+//! discriminator is asked, which knows no others; disparities and the three pixels that count as found are
+//! those of the native width either way.
 //!
 //! Not here: pictures.
 
@@ -18,10 +19,14 @@ use strat_store::{
     exr, image_files,
     progress::Progress,
     raster::Plane,
+    resize::{self, Kernel},
     set::{FileRef, PreparedSet, Sample},
 };
 
-use super::cost::{Cost, Line, Pair};
+use super::{
+    cost::{Cost, Line, Pair},
+    discriminator::{Discriminator, DiscriminatorError},
+};
 use crate::evaluate::{SampleError, sample::checked_bytes};
 
 /// An error below this many native pixels counts as found.
@@ -29,6 +34,9 @@ pub const NEAR_PX: f64 = 3.0;
 
 /// Pixels that are searched in each image.
 pub const PIXELS: usize = 2000;
+
+/// Pixels that are searched in each image where a discriminator looks at every place of their lines.
+pub const JUDGED_PIXELS: usize = 8;
 
 /// The largest disparity that is searched, as a fraction of the width: 1.55 m before a KITTI camera.
 const LARGEST: f64 = 0.2;
@@ -56,16 +64,22 @@ pub struct View {
 }
 
 impl View {
-    /// Reads a sample. `None` where it has no right view or no ground truth of the camera.
+    /// Reads a sample, in its native size, or prepared and by area brought to `size` as for training. `None`
+    /// where it has no right view or no ground truth of the camera.
     ///
     /// # Errors
     /// A file cannot be used.
-    pub fn open(set: &PreparedSet, sample: &Sample) -> Result<Option<Self>, SampleError> {
+    pub fn open(
+        set: &PreparedSet,
+        sample: &Sample,
+        size: Option<(u32, u32)>,
+    ) -> Result<Option<Self>, SampleError> {
         let both = |left, right: &Option<FileRef>| Some((left, right.clone()?));
         let native = sample
             .left_full
             .clone()
-            .and_then(|left| both(left, &sample.right_full));
+            .and_then(|left| both(left, &sample.right_full))
+            .filter(|_| size.is_none());
         let is_native = native.is_some();
         let files = native.or_else(|| both(sample.left.clone(), &sample.right));
         // The scanner's x (depth_velodyne) is not the camera's depth; it stands in where nothing else is.
@@ -79,10 +93,11 @@ impl View {
             return Ok(None);
         };
         let picture = |file: &FileRef| {
-            Ok::<_, SampleError>(image_files::decode_rgb(
-                &checked_bytes(set, file)?,
-                &file.path,
-            )?)
+            let image = image_files::decode_rgb(&checked_bytes(set, file)?, &file.path)?;
+            Ok::<_, SampleError>(match size {
+                Some((width, height)) => resize::rgb(&image, width, height, Kernel::Area),
+                None => image,
+            })
         };
         let (left, right) = (picture(&left)?, picture(&right)?);
         let (depth, header) = exr::decode_depth(&checked_bytes(set, truth)?, &set.path(truth))?;
@@ -110,6 +125,25 @@ impl View {
     #[must_use]
     pub fn line(&self, (x, y): (usize, usize)) -> Line {
         self.pair.line(x, y, self.largest)
+    }
+
+    /// The same, with what a discriminator says of every place.
+    ///
+    /// # Errors
+    /// The discriminator does not run.
+    pub fn judged_line(
+        &self,
+        at: (usize, usize),
+        judge: Option<&mut Discriminator>,
+    ) -> Result<Line, DiscriminatorError> {
+        let mut line = self.line(at);
+        if let Some(judge) = judge {
+            let last = line.of(Cost::L1).len().saturating_sub(1);
+            let (untouched, costs) = judge.costs(&self.pair, at, last)?;
+            line.untouched = Some(untouched);
+            line.costs.push(costs);
+        }
+        Ok(line)
     }
 }
 
@@ -144,7 +178,7 @@ fn truths(
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Counts {
     pixels: f64,
-    found: [f64; 3],
+    found: [f64; 4],
     chance: f64,
 }
 
@@ -156,8 +190,8 @@ pub struct Bin {
     /// Pixels searched.
     pub pixels: u64,
     /// Share of pixels whose cheapest disparity is within [`NEAR_PX`] of the truth, in the order of
-    /// [`Cost::ALL`], with its interval over drives.
-    pub found: [Ratio; 3],
+    /// [`Cost::all`], with its interval over drives.
+    pub found: Vec<Ratio>,
     /// Share that a disparity taken by chance would have.
     pub chance: f64,
 }
@@ -169,6 +203,10 @@ pub struct Survey {
     pub images: u64,
     /// Of them, in native size.
     pub native: u64,
+    /// Pixels searched in each image, at most.
+    pub per_image: usize,
+    /// The costs, in the order of each bin.
+    pub costs: &'static [Cost],
     /// The bins that have pixels, then all pixels.
     pub bins: Vec<Bin>,
     /// The same over all textures.
@@ -177,30 +215,48 @@ pub struct Survey {
     pub problems: Vec<String>,
 }
 
-/// Searches all samples.
+/// Searches up to `per_image` pixels of all samples. A discriminator judges image by image.
 #[must_use]
 pub fn survey(
     set: &PreparedSet,
     samples: &[Sample],
+    judge: Option<&mut Discriminator>,
+    per_image: usize,
     pool: &rayon::ThreadPool,
     quiet: bool,
 ) -> Survey {
-    let progress = Progress::new("matching", samples.len() as u64, "images", quiet);
-    let of_image = |sample: &Sample| {
-        let found =
-            View::open(set, sample).map(|view| view.map(|view| (view.native, counts(&view))));
-        progress.add(1);
-        found
-    };
-    let found: Vec<_> = pool.install(|| samples.par_iter().map(of_image).collect());
-    progress.finish();
     let mut survey = Survey {
         images: 0,
         native: 0,
+        per_image,
+        costs: Cost::all(judge.is_some()),
         bins: Vec::new(),
         all: None,
         problems: Vec::new(),
     };
+    let progress = Progress::new("matching", samples.len() as u64, "images", quiet);
+    let of_image = |sample: &Sample, judge: Option<&mut Discriminator>| {
+        let size = judge.as_deref().map(Discriminator::image_size);
+        let view = View::open(set, sample, size);
+        let found = view
+            .map_err(|error| error.to_string())
+            .and_then(|view| match view {
+                None => Ok(None),
+                Some(view) => counts(&view, per_image, judge)
+                    .map(|counts| Some((view.native, counts)))
+                    .map_err(|error| error.to_string()),
+            });
+        progress.add(1);
+        found
+    };
+    let found: Vec<_> = match judge {
+        None => pool.install(|| samples.par_iter().map(|one| of_image(one, None)).collect()),
+        Some(judge) => {
+            let of_image = |one: &Sample| of_image(one, Some(&mut *judge));
+            samples.iter().map(of_image).collect()
+        }
+    };
+    progress.finish();
     let mut by_image: Vec<(&str, [Counts; TEXTURES.len()])> = Vec::new();
     for (sample, found) in samples.iter().zip(found) {
         match found {
@@ -210,14 +266,14 @@ pub fn survey(
                 survey.native += u64::from(native);
                 by_image.push((&sample.id, counts));
             }
-            Err(error) => survey.problems.push(format!("{}: {error}", sample.id)),
+            Err(problem) => survey.problems.push(format!("{}: {problem}", sample.id)),
         }
     }
     for index in 0..TEXTURES.len() {
         let counts: Vec<(&str, Counts)> =
             by_image.iter().map(|(id, all)| (*id, all[index])).collect();
         let texture = (TEXTURES[index], TEXTURES.get(index + 1).copied());
-        survey.bins.extend(bin(texture, &counts));
+        survey.bins.extend(bin(texture, survey.costs, &counts));
     }
     let together: Vec<(&str, Counts)> = by_image
         .iter()
@@ -228,7 +284,7 @@ pub fn survey(
             )
         })
         .collect();
-    survey.all = bin((0.0, None), &together);
+    survey.all = bin((0.0, None), survey.costs, &together);
     survey
 }
 
@@ -243,40 +299,42 @@ impl Counts {
 }
 
 /// Searches pixels spread evenly over those with truth.
-fn counts(view: &View) -> [Counts; TEXTURES.len()] {
+fn counts(
+    view: &View,
+    pixels: usize,
+    mut judge: Option<&mut Discriminator>,
+) -> Result<[Counts; TEXTURES.len()], DiscriminatorError> {
     let mut counts = [Counts::default(); TEXTURES.len()];
-    for index in strat_store::spread::evenly(view.truths.len(), PIXELS) {
+    for index in strat_store::spread::evenly(view.truths.len(), pixels) {
         let (x, y, truth) = view.truths[index];
-        let line = view.line((x, y));
+        let line = view.judged_line((x, y), judge.as_deref_mut())?;
         let texture = view.pair.texture(x, y);
         let bin = TEXTURES.iter().rposition(|bound| texture >= *bound);
         let counts = &mut counts[bin.unwrap_or(0)];
         counts.pixels += 1.0;
         let near = NEAR_PX / view.scale;
-        for cost in Cost::ALL {
-            counts.found[cost as usize] += line.found(cost, truth, near);
+        for cost in line.kinds() {
+            counts.found[*cost as usize] += line.found(*cost, truth, near);
         }
         let candidates = line.of(Cost::L1).len();
         let close = (0..candidates).filter(|d| (*d as f64 - truth).abs() < near);
         counts.chance += close.count() as f64 / candidates.max(1) as f64;
     }
-    counts
+    Ok(counts)
 }
 
-fn bin(texture: (f64, Option<f64>), by_image: &[(&str, Counts)]) -> Option<Bin> {
+fn bin(texture: (f64, Option<f64>), costs: &[Cost], by_image: &[(&str, Counts)]) -> Option<Bin> {
     let pixels: f64 = by_image.iter().map(|(_, counts)| counts.pixels).sum();
     let chance: f64 = by_image.iter().map(|(_, counts)| counts.chance).sum();
-    let found = Cost::ALL.map(|cost| {
+    let found = costs.iter().map(|cost| {
         let sums = by_image.iter().filter(|(_, counts)| counts.pixels > 0.0);
-        ratio(sums.map(|(id, counts)| (*id, counts.found[cost as usize], counts.pixels)))
+        ratio(sums.map(|(id, counts)| (*id, counts.found[*cost as usize], counts.pixels)))
     });
-    let [Some(a), Some(b), Some(c)] = found else {
-        return None;
-    };
+    let found = found.collect::<Option<Vec<Ratio>>>()?;
     Some(Bin {
         texture,
         pixels: pixels as u64,
-        found: [a, b, c],
+        found,
         chance: chance / pixels,
     })
 }
@@ -301,7 +359,7 @@ impl Survey {
         ])?;
         let all = self.all.iter().map(|bin| (bin, true));
         for (bin, is_all) in self.bins.iter().map(|bin| (bin, false)).chain(all) {
-            for (cost, ratio) in Cost::ALL.into_iter().zip(&bin.found) {
+            for (cost, ratio) in self.costs.iter().zip(&bin.found) {
                 let bound = |value: Option<f64>| value.map(|v| v.to_string()).unwrap_or_default();
                 csv.write_record([
                     bound((!is_all).then_some(bin.texture.0)),

@@ -22,7 +22,7 @@ pub(crate) enum Activation {
 }
 
 /// Slope of the leaky ReLU below zero.
-pub(super) const LEAK: f32 = 0.2;
+pub(crate) const LEAK: f32 = 0.2;
 
 impl Activation {
     #[inline(always)]

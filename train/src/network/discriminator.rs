@@ -102,6 +102,33 @@ pub struct Stage {
     pub norm: InstanceNorm,
 }
 
+/// The operations of a discriminator, so that its topology is written once.
+pub trait Layers {
+    /// A feature map `[n, c, h, w]`, or whatever stands for one.
+    type Value;
+
+    /// Convolution with bias.
+    fn conv(&mut self, name: &str, layer: &Convolution, input: Self::Value) -> Self::Value;
+    /// Instance normalisation, leaky ReLU and, in training, dropout.
+    fn norm_leaky(&mut self, name: &str, layer: &InstanceNorm, input: Self::Value) -> Self::Value;
+}
+
+/// [`Layers`] on burn tensors, with what gives the dropout mask for a map.
+struct TensorLayers<F>(F);
+
+impl<F: FnMut(&Tensor<4>) -> Option<Tensor<4>>> Layers for TensorLayers<F> {
+    type Value = Tensor<4>;
+
+    fn conv(&mut self, _: &str, layer: &Convolution, input: Tensor<4>) -> Tensor<4> {
+        layer.forward(input)
+    }
+
+    fn norm_leaky(&mut self, _: &str, layer: &InstanceNorm, input: Tensor<4>) -> Tensor<4> {
+        let mask = (self.0)(&input);
+        layer.forward_leaky(input, mask)
+    }
+}
+
 impl Discriminator {
     /// Logits for `patches`, `[n, 3, s, s]` with `s` at least [`SMALLEST_PATCH`]: `[n, 1, g, g]`.
     ///
@@ -129,15 +156,20 @@ impl Discriminator {
     fn run(
         &self,
         patches: Tensor<4>,
-        mut dropout: impl FnMut(&Tensor<4>) -> Option<Tensor<4>>,
+        dropout: impl FnMut(&Tensor<4>) -> Option<Tensor<4>>,
     ) -> Tensor<4> {
+        self.run_with(&mut TensorLayers(dropout), patches)
+    }
+
+    /// The topology, for whatever stands for feature maps.
+    pub fn run_with<L: Layers>(&self, layers: &mut L, patches: L::Value) -> L::Value {
         let mut x = patches;
-        for stage in &self.stages {
-            let map = stage.conv.forward(x);
-            let mask = dropout(&map);
-            x = stage.norm.forward_leaky(map, mask);
+        for (index, stage) in self.stages.iter().enumerate() {
+            let [conv, norm] = stage_names(index);
+            let map = layers.conv(&conv, &stage.conv, x);
+            x = layers.norm_leaky(&norm, &stage.norm, map);
         }
-        self.last.forward(x)
+        layers.conv(LAST, &self.last, x)
     }
 
     /// Side of the grid of logits for patches of side `patch`; `None` when the patch is too small.

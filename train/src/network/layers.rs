@@ -441,7 +441,8 @@ pub struct InstanceNorm {
 }
 
 impl InstanceNorm {
-    const EPSILON: f64 = 1e-5;
+    /// Added to the variance.
+    pub const EPSILON: f64 = 1e-5;
 
     /// Normalisation of `channels` channels, named `name`.
     pub fn new(init: &Initializer, name: &str, channels: usize) -> Self {

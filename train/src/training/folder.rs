@@ -32,6 +32,8 @@ pub(super) const PICTURES: &str = "pictures";
 pub(super) const EVENTS: &str = "tensorboard";
 /// Name of the exported model in the run folder.
 pub const MODEL: &str = "model.onnx";
+/// Name of the exported discriminator in the run folder.
+pub const DISCRIMINATOR: &str = "discriminator.onnx";
 
 /// What a run was made with; `run.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -309,7 +311,8 @@ impl RunFolder {
             if self.path(CHECKPOINTS).exists() {
                 files::remove_folder_atomic(&self.path(CHECKPOINTS))?;
             }
-            let (tables, rest) = ([SCALARS, VALIDATION, DIAGNOSTICS], [MODEL, RUN]);
+            let tables = [SCALARS, VALIDATION, DIAGNOSTICS];
+            let rest = [MODEL, DISCRIMINATOR, RUN];
             for name in [PICTURES, EVENTS].into_iter().chain(tables).chain(rest) {
                 files::remove(&self.path(name))?;
             }

@@ -127,6 +127,15 @@ impl Trainer {
             .map(|adversary| adversary.network.valid())
     }
 
+    /// The discriminator that judges left views, without gradients and dropout; none without an
+    /// adversarial term.
+    #[must_use]
+    pub fn left_discriminator(&self) -> Option<Discriminator> {
+        self.adversaries
+            .first()
+            .map(|adversary| adversary.network.valid())
+    }
+
     /// Number of trained values: generator, all discriminators together.
     #[must_use]
     pub fn parameters(&self) -> (usize, usize) {

@@ -9,7 +9,7 @@ use strat_train::config::{Config, Preset, Sharing};
 use strat_train::device::DeviceChoice;
 use strat_train::network::initial_weights::InitialWeights;
 use strat_train::training::folder::RunInfo;
-use strat_train::training::model::export_run;
+use strat_train::training::model::{export_discriminator, export_run};
 use strat_train::training::options::{Options, Outcome};
 use strat_train::training::run::run;
 use strat_train::training::trainer::Trainer;
@@ -487,6 +487,54 @@ fn an_export_replaces_only_exports_of_its_own_run() {
     assert!(!at("none").exists());
     export(&first, &first.out.join("best.onnx"), false).unwrap();
     export_run(&first.out, None, false, Weights::F32, false).unwrap();
+}
+
+/// The file holds the discriminator of the left view, and replaces none of another run.
+#[test]
+fn discriminators_are_exported() {
+    let folder = set();
+    let settings = ["max_steps=1", "validation.every=0"];
+    let with = |name: &str, more: &[&str]| {
+        let options = options(folder.path(), name, &[&settings[..], more].concat());
+        go(&options);
+        options
+    };
+    let one = with("one", &[]);
+    let two = with("two", &["discriminator.sharing=per-view"]);
+    for run in [&one, &two] {
+        let exported = export_discriminator(&run.out, None, false, false).unwrap();
+        assert_eq!(exported.path, run.out.join("discriminator.onnx"));
+        let model = strat_onnx::model::read(&exported.path).unwrap();
+        let metadata = model.info.discriminator().unwrap().unwrap();
+        let input = run.config.input;
+        assert_eq!(metadata.patch, input.width.min(input.height));
+        assert_eq!(metadata.variant, "strat");
+        assert!(!metadata.expected.is_empty());
+        // Its weights are those of the left view.
+        let file = run.out.join("weights.safetensors");
+        export_run(&run.out, Some(&file), false, Weights::F32, false).unwrap();
+        let weights = std::fs::read(&file).unwrap();
+        let tensors = safetensors::SafeTensors::deserialize(&weights).unwrap();
+        let last = tensors.tensor("discriminator.last.weight").unwrap();
+        let onnx = std::fs::read(&exported.path).unwrap();
+        let holds = |part: &[u8]| onnx.windows(part.len()).any(|bytes| bytes == part);
+        assert!(holds(last.data()));
+        if let Ok(right) = tensors.tensor("discriminator-right.last.weight") {
+            assert!(!holds(right.data()));
+        }
+    }
+    let again = export_discriminator(&one.out, None, false, false);
+    assert!(again.is_ok());
+    let out = folder.path().join("d.onnx");
+    export_discriminator(&one.out, Some(&out), false, false).unwrap();
+    export_discriminator(&one.out, Some(&out), false, false).unwrap();
+    let text = export_run(&one.out, Some(&out), false, Weights::F32, false);
+    let text = text.unwrap_err().to_string();
+    assert!(text.contains("export of another run"), "{text}");
+    let none = with("none", &["variant=no-adv"]);
+    let text = export_discriminator(&none.out, None, false, false);
+    let text = text.unwrap_err().to_string();
+    assert!(text.contains("without a discriminator"), "{text}");
 }
 
 #[test]

@@ -9,7 +9,8 @@ use super::encode::{halve, value_info};
 use super::shapes::{Dim, GraphError, dims_text, shape_error};
 use crate::metadata::{ModelMetadata, Weights};
 use crate::proto::{
-    AttributeProto, GraphProto, ModelProto, NodeProto, OperatorSetIdProto, TensorProto, data_type,
+    AttributeProto, GraphProto, ModelProto, NodeProto, OperatorSetIdProto, StringStringEntryProto,
+    TensorProto, data_type,
 };
 
 /// Version of the ONNX operator set that is written.
@@ -177,6 +178,20 @@ impl GraphBuilder {
     /// # Errors
     /// The network has no input or no output, or is larger than the format allows.
     pub fn finish(self, metadata: Option<&ModelMetadata>) -> Result<Vec<u8>, GraphError> {
+        let version = metadata.and_then(|metadata| metadata.tool_version.clone());
+        let props = metadata.map(ModelMetadata::to_props).unwrap_or_default();
+        self.finish_with(props, version)
+    }
+
+    /// As [`finish`](Self::finish), with properties and a version of the producer.
+    ///
+    /// # Errors
+    /// As [`finish`](Self::finish).
+    pub fn finish_with(
+        self,
+        props: Vec<(String, String)>,
+        producer_version: Option<String>,
+    ) -> Result<Vec<u8>, GraphError> {
         for (what, list) in [("input", &self.inputs), ("output", &self.outputs)] {
             if list.is_empty() {
                 return Err(GraphError::Missing { what });
@@ -231,12 +246,15 @@ impl GraphBuilder {
         let model = ModelProto {
             ir_version: Some(IR_VERSION),
             producer_name: Some(PRODUCER.to_owned()),
-            producer_version: metadata.and_then(|metadata| metadata.tool_version.clone()),
+            producer_version,
             opset_import: vec![OperatorSetIdProto {
                 domain: Some(String::new()),
                 version: Some(OPSET),
             }],
-            metadata_props: metadata.map(ModelMetadata::to_entries).unwrap_or_default(),
+            metadata_props: props
+                .into_iter()
+                .map(|(key, value)| StringStringEntryProto::new(key, value))
+                .collect(),
             graph: Some(graph),
             ..ModelProto::default()
         };

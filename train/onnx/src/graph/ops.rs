@@ -215,6 +215,68 @@ impl GraphBuilder {
         self.unary(name, "Relu", input, Vec::new())
     }
 
+    /// `LeakyRelu`: `x` above zero, `slope * x` below.
+    ///
+    /// # Errors
+    /// The name is taken.
+    pub fn leaky_relu(
+        &mut self,
+        name: &str,
+        input: Value,
+        slope: f32,
+    ) -> Result<Value, GraphError> {
+        self.unary(
+            name,
+            "LeakyRelu",
+            input,
+            vec![attribute_float("alpha", slope)],
+        )
+    }
+
+    /// `InstanceNormalization`: every channel of every sample gets mean 0 and (biased) variance 1 over its
+    /// own pixels, `(x - mean) / sqrt(variance + epsilon)`, then its scale and shift.
+    ///
+    /// # Errors
+    /// The name is taken, or there is not one scale and one shift for each channel.
+    pub fn instance_norm(
+        &mut self,
+        name: &str,
+        input: Value,
+        [scale, shift]: [&[f32]; 2],
+        epsilon: f32,
+    ) -> Result<Value, GraphError> {
+        let image = self.image_dims(name, input)?;
+        for values in [scale, shift] {
+            if image[1]
+                .fixed()
+                .is_some_and(|channels| channels != values.len())
+            {
+                let problem = format!(
+                    "{} channels need as many scales and shifts, got {}",
+                    image[1],
+                    values.len()
+                );
+                return Err(shape_error(name, problem));
+            }
+        }
+        let constant = |graph: &mut Self, part: &str, values: &[f32]| {
+            graph.constant_f32(&format!("{name}.{part}"), &[values.len()], values)
+        };
+        let inputs = vec![
+            Source::Value(input),
+            Source::Constant(constant(self, "scale", scale)?),
+            Source::Constant(constant(self, "shift", shift)?),
+        ];
+        let attributes = vec![attribute_float("epsilon", epsilon)];
+        self.node(
+            name,
+            "InstanceNormalization",
+            inputs,
+            image.to_vec(),
+            attributes,
+        )
+    }
+
     /// `Sigmoid`: `1 / (1 + exp(-x))`.
     ///
     /// # Errors

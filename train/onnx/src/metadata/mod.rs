@@ -8,11 +8,13 @@
 
 mod camera;
 mod description;
+mod discriminator;
 mod probe;
 mod words;
 
 pub use camera::{Spread, TrainingCamera};
 pub use description::{FORMAT, ModelMetadata, Reading};
+pub use discriminator::DiscriminatorMetadata;
 pub use probe::{Probe, ProbeError, probe_image};
 pub use words::{InputRange, OutputMeaning, Weights};
 

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::graph::Dim;
-use crate::metadata::{ModelMetadata, Reading};
+use crate::metadata::{DiscriminatorMetadata, ModelMetadata, Reading};
 use crate::proto::{ValueInfoProto, data_type, dimension, type_proto};
 
 /// Type of a tensor's elements, as numbered by ONNX.
@@ -110,6 +110,17 @@ impl ModelInfo {
     #[must_use]
     pub const fn metadata(&self) -> Option<&ModelMetadata> {
         self.description.metadata.as_ref()
+    }
+
+    /// What the file of a discriminator says of itself; `None` where it is another model.
+    ///
+    /// # Errors
+    /// A sentence part: which value is missing or wrong.
+    pub fn discriminator(&self) -> Result<Option<DiscriminatorMetadata>, String> {
+        let properties = self.properties.iter();
+        DiscriminatorMetadata::from_props(
+            properties.map(|(key, value)| (key.as_str(), value.as_str())),
+        )
     }
 }
 

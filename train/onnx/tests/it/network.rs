@@ -194,6 +194,25 @@ fn elu(x: f32) -> f32 {
     }
 }
 
+/// Mean 0 and variance 1 within each channel of each sample, epsilon 1e-5, then scale and shift.
+fn instance_norm(input: &Images, scale: [f32; 4], shift: [f32; 4]) -> Images {
+    let [_, channels, height, width] = input.shape;
+    let plane = height * width;
+    let mut output = input.clone();
+    for (index, values) in output.data.chunks_mut(plane).enumerate() {
+        let count = plane as f64;
+        let mean = values.iter().map(|&v| f64::from(v)).sum::<f64>() / count;
+        let squares = values.iter().map(|&v| (f64::from(v) - mean).powi(2));
+        let deviation = (squares.sum::<f64>() / count + 1e-5).sqrt();
+        let channel = index % channels;
+        for value in values {
+            let normal = (f64::from(*value) - mean) / deviation;
+            *value = (normal * f64::from(scale[channel]) + f64::from(shift[channel])) as f32;
+        }
+    }
+    output
+}
+
 fn sigmoid(x: f32) -> f32 {
     (1.0 / (1.0 + (-f64::from(x)).exp())) as f32
 }
@@ -268,7 +287,7 @@ fn all_operators() -> (Vec<u8>, Images, Vec<(String, Images)>) {
     let (project, project_ref) = twin.keep("project", x, conv(&skip_ref, &f, geometry));
 
     let x = twin.graph.add("sum", project, act).unwrap();
-    let mut sum_ref = project_ref;
+    let mut sum_ref = project_ref.clone();
     sum_ref
         .data
         .iter_mut()
@@ -311,6 +330,16 @@ fn all_operators() -> (Vec<u8>, Images, Vec<(String, Images)>) {
     let (head, head_ref) = twin.keep("head_sigmoid", x, head_ref.map(sigmoid));
     let x = twin.graph.scale("head_scale", head, 0.3).unwrap();
     twin.keep("head_scale", x, head_ref.map(|v| v * 0.3));
+
+    let (scale, shift) = ([1.5, -0.5, 0.0, 2.0], [0.25, 0.0, -1.0, 1.0]);
+    let x = twin
+        .graph
+        .instance_norm("norm", project, [&scale, &shift], 1e-5)
+        .unwrap();
+    let (norm, norm_ref) = twin.keep("norm", x, instance_norm(&project_ref, scale, shift));
+    let x = twin.graph.leaky_relu("leaky", norm, 0.2).unwrap();
+    let leaky = |v: f32| if v < 0.0 { 0.2 * v } else { v };
+    twin.keep("leaky", x, norm_ref.map(leaky));
 
     let mut metadata =
         ModelMetadata::new(OutputMeaning::DisparityFraction, InputRange::Unit, 12, 8);
@@ -367,9 +396,9 @@ fn the_file_describes_itself() {
     assert_eq!(info.outputs.len(), expected.len());
     assert_eq!(info.operators["Conv"], 4);
     assert_eq!(info.operators["ConvTranspose"], 1);
-    // stem, up, project, uneven, head; pad amounts and value; resize scales; scale factor.
+    // stem, up, project, uneven, head; pad amounts and value; resize scales; scale factor; norm.
     let weights = (588 + 4) + (320 + 5) + 36 + (72 + 6) + (72 + 2);
-    assert_eq!(info.parameters, weights + 8 + 1 + 4 + 1);
+    assert_eq!(info.parameters, weights + 8 + 1 + 4 + 1 + 8);
     assert_eq!(info.description.problems, Vec::<String>::new());
     assert_eq!(info.metadata().unwrap().input_width, 12);
 }
@@ -475,6 +504,12 @@ fn wrong_layers_are_refused_where_they_are_added() {
     assert!(text(graph.conv("a", input, f.clone(), zero)).contains("stride"));
     assert!(text(graph.conv_transpose("a", input, f, Geometry::new(2, 1))).contains("channels"));
 
+    let three = [1.0; 3];
+    let message = text(graph.instance_norm("a", input, [&three, &three[..2]], 1e-5));
+    assert!(
+        message.contains("3 channels need as many scales"),
+        "{message}"
+    );
     let f = filter([3, 3, 3, 3], 3, 0);
     let small = graph.conv("b", input, f, Geometry::new(2, 1)).unwrap();
     assert!(text(graph.add("c", input, small)).contains("cannot be added"));

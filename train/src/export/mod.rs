@@ -9,7 +9,9 @@
 //! Input `image` `[N, 3, height, width]`, output `disparity` `[N, 2, height, width]` (left, right;
 //! fractions of the width), any batch size.
 //!
-//! Not here: reading models, other output levels.
+//! Not here: reading models, other output levels; discriminators are in [`discriminator`].
+
+pub mod discriminator;
 
 use std::path::{Path, PathBuf};
 
@@ -168,6 +170,7 @@ fn compute(
     values_of(disparity)
 }
 
+/// Values in 0..1, always the same.
 fn random_pictures(values: usize) -> Vec<f32> {
     let mut stream = ChaCha8Rng::seed_from_u64(0);
     (0..values)
