@@ -1,7 +1,10 @@
 //! Figure 3.2: costs along the lines of chosen pixels, the pixels in their image, and how often the cheapest
 //! place is the true one.
 
-use image::{Rgb, RgbImage};
+use image::{
+    Rgb, RgbImage,
+    imageops::{self, FilterType},
+};
 use strat_metrics::statistics::Ratio;
 
 use super::{
@@ -16,6 +19,8 @@ use crate::draw::{
 
 /// Widest picture of a pair.
 const WIDEST: u32 = 900;
+/// Pictures are enlarged by whole numbers up to about this width.
+const NARROWEST: u32 = 800;
 /// Quality of the pictures.
 const QUALITY: u8 = 90;
 /// Colours of marks: pixels and true places, and cheapest ones.
@@ -111,6 +116,7 @@ fn panel(number: usize, view: &View, one: &Chosen, line: &Line) -> Panel {
         guide: true,
         ..Curve::default()
     });
+    curves.extend(untouched(view, line));
     Panel {
         title: format!(
             "{number}: ({}, {}), texture {texture:.1}",
@@ -134,15 +140,11 @@ fn curve(view: &View, cost: Cost, line: &Line) -> Curve {
         many => format!("{} places equally cheap", many.len()),
     };
     // A window changes little of a patch, so that shares of the largest would all be nearly 1.
-    let (label, base) = match (cost, line.untouched) {
-        (Cost::Discriminator, Some(untouched)) => (
-            format!(
-                "{}: {place} ({lowest:.4} to {largest:.4}, untouched {untouched:.4})",
-                cost.heading()
-            ),
-            lowest,
-        ),
-        _ => (format!("{}: {place}", cost.heading()), 0.0),
+    let (label, base) = if cost == Cost::Discriminator {
+        let label = format!("{} ({lowest:.4} to {largest:.4}): {place}", cost.heading());
+        (label, lowest)
+    } else {
+        (format!("{}: {place}", cost.heading()), 0.0)
     };
     let range = (largest - base).max(f64::MIN_POSITIVE);
     let points = costs.iter().zip(0..);
@@ -160,15 +162,44 @@ fn curve(view: &View, cost: Cost, line: &Line) -> Curve {
     }
 }
 
+/// What the discriminator makes of the left image as it is, on the scale of its curve.
+fn untouched(view: &View, line: &Line) -> Option<Curve> {
+    let cost = line.untouched?;
+    let costs = line.of(Cost::Discriminator);
+    let largest = costs.iter().copied().fold(f64::MIN, f64::max);
+    let lowest = costs.iter().copied().fold(f64::MAX, f64::min);
+    let share = (cost - lowest) / (largest - lowest).max(f64::MIN_POSITIVE);
+    let end = costs.len().saturating_sub(1) as f64 * view.scale;
+    let is_drawn = (0.0..=1.0).contains(&share);
+    Some(Curve {
+        label: format!("discriminator of the left image: {cost:.4}"),
+        points: if is_drawn {
+            vec![(0.0, share), (end, share)]
+        } else {
+            Vec::new()
+        },
+        guide: true,
+        ..Curve::default()
+    })
+}
+
 /// The pair with the chosen pixels, their lines, true and cheapest places.
 #[must_use]
 pub fn places(image: &str, view: &View, chosen: &[(Chosen, Line)]) -> String {
-    let size = tile_size(view.left.width(), view.left.height(), WIDEST);
-    let (mut left, mut right) = (view.left.clone(), view.right.clone());
+    // Small images are enlarged, so that crosses do not cover what they mark.
+    let zoom = (NARROWEST / view.left.width()).max(1);
+    let enlarged = |image: &RgbImage| {
+        let (width, height) = (zoom * image.width(), zoom * image.height());
+        imageops::resize(image, width, height, FilterType::Nearest)
+    };
+    let (mut left, mut right) = (enlarged(&view.left), enlarged(&view.right));
+    let size = tile_size(left.width(), left.height(), WIDEST);
+    let at = |x: f64| (x + 0.5) * f64::from(zoom) - 0.5;
     for (one, line) in chosen {
-        let (x, y) = one.at;
-        cross(&mut left, (x as f64, y), TRUE);
-        for column in x.saturating_sub(view.largest)..=x {
+        let (x, y) = (one.at.0 as f64, at(one.at.1 as f64) as usize);
+        cross(&mut left, (at(x), y), TRUE);
+        let first = one.at.0.saturating_sub(view.largest) as f64;
+        for column in at(first) as usize..=at(x) as usize {
             blend(&mut right, (column, y));
         }
         for &cost in [Cost::Objective, Cost::Discriminator]
@@ -181,10 +212,10 @@ pub fn places(image: &str, view: &View, chosen: &[(Chosen, Line)]) -> String {
                 } else {
                     JUDGED
                 };
-                cross(&mut right, (x as f64 - *cheapest as f64, y), colour);
+                cross(&mut right, (at(x - *cheapest as f64), y), colour);
             }
         }
-        cross(&mut right, (x as f64 - one.truth, y), TRUE);
+        cross(&mut right, (at(x - one.truth), y), TRUE);
     }
     let judged = chosen.iter().any(|(_, line)| line.untouched.is_some());
     let pixels: Vec<String> = chosen

@@ -22,7 +22,9 @@ use strat_store::{
 };
 
 use crate::command::{Ran, run, text};
-use crate::fixtures::{HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, WIDTH, metadata, network, write_model};
+use crate::fixtures::{
+    HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, WIDTH, metadata, network, write_discriminator, write_model,
+};
 use crate::world::World;
 
 fn figures(set: &Path, out: &Path, more: &[&str]) -> Ran {
@@ -439,4 +441,45 @@ fn matching_costs_are_drawn_without_a_model() {
     figures(&set, &out, &["--pixel", "3,4"])
         .code(2)
         .says("--matching");
+}
+
+/// Green grows to the right, so that what is taken from farthest left is darkest.
+#[test]
+fn a_discriminator_is_one_more_cost() {
+    let world = World::new(Split::Kitti, 22, false);
+    let (set, out) = (world.path("set"), world.path("out"));
+    let run = world.path("run");
+    let more = [
+        "--matching",
+        "--pixel",
+        "20,12",
+        "--discriminator",
+        &text(&run),
+    ];
+    fs::create_dir(&run).unwrap();
+    figures(&set, &out, &more).code(2).says("train export");
+    write_discriminator(&run.join("discriminator.onnx"));
+    let ran = figures(&set, &out, &more);
+    ran.code(0);
+    assert!(ran.out.contains("up to 8 pixels of each"), "{}", ran.out);
+    assert!(ran.out.contains(" discriminator "), "{}", ran.out);
+    // A fifth of 32 px is 6, and a pixel is 3.875 native ones.
+    let costs = svg(&out, "fig_3_2");
+    assert!(costs.contains("): cheapest at 23 px"), "{costs}");
+    assert!(
+        costs.contains("discriminator of the left image: "),
+        "{costs}"
+    );
+    assert!(svg(&out, "fig_3_2_places").contains("Blue: by the discriminator."));
+    let table = fs::read_to_string(out.join("matching.csv")).unwrap();
+    assert!(
+        table
+            .lines()
+            .last()
+            .unwrap()
+            .starts_with(",,discriminator,176,"),
+        "{table}"
+    );
+    let record = fs::read_to_string(out.join("figures.yaml")).unwrap();
+    assert!(record.contains("discriminator.onnx"), "{record}");
 }

@@ -14,7 +14,9 @@ use strat_needs::Need;
 use strat_onnx::{
     embedded::EmbeddedSession,
     graph::{Filter, Geometry, GraphBuilder},
-    metadata::{InputRange, ModelMetadata, OutputMeaning, Probe, probe_image},
+    metadata::{
+        DiscriminatorMetadata, InputRange, ModelMetadata, OutputMeaning, Probe, probe_image,
+    },
 };
 use strat_splits::{Role, Split};
 use strat_store::{
@@ -249,4 +251,37 @@ pub fn onnxruntime() -> Option<PathBuf> {
             None
         }
     }
+}
+
+/// The file of a discriminator for patches of 16 px of the set's images: every pixel has minus its green as its
+/// logit, so the darkest window is the cheapest.
+pub fn write_discriminator(path: &Path) {
+    let mut graph = GraphBuilder::new("green");
+    let dims = ["N".into(), 3.into(), 16.into(), 16.into()];
+    let patches = graph.input("patches", &dims).unwrap();
+    let filter = Filter {
+        shape: [1, 3, 1, 1],
+        weights: vec![0.0, -1.0, 0.0],
+        bias: vec![0.0],
+    };
+    let logits = graph.conv("green", patches, filter, Geometry::new(1, 0));
+    graph.output("logits", logits.unwrap()).unwrap();
+    let metadata = DiscriminatorMetadata {
+        patch: 16,
+        image_width: INPUT_WIDTH,
+        image_height: INPUT_HEIGHT,
+        kernel: Kernel::Area.to_string(),
+        train_data_digest: "00".to_owned(),
+        variant: "strat".to_owned(),
+        seed: 1,
+        epoch: 1,
+        tool_version: "0.0.0".to_owned(),
+        parity: 0.0,
+        expected: probe_image(16, 16)[256..512]
+            .iter()
+            .map(|green| -green)
+            .collect(),
+    };
+    let bytes = graph.finish_with(metadata.to_props(), None).unwrap();
+    files::write_atomic(path, &bytes).unwrap();
 }

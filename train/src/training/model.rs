@@ -232,7 +232,9 @@ fn check_replaceable(
     if of_run.is_some() || force || is_of_run(&here, what, made_with) {
         return Ok(());
     }
-    refuse("this is an export of another run or network; give another name, or replace it with --force")
+    refuse(
+        "this is an export of another run or network; give another name, or replace it with --force",
+    )
 }
 
 /// Whether a file is no export.
