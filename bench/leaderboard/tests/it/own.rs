@@ -13,7 +13,7 @@ fn the_repositorys_own_leaderboard_is_good_and_can_be_shown() {
     assert_eq!(checked.problems, []);
     assert_eq!(
         (checked.submissions.len(), checked.published.len()),
-        (6, 47)
+        (15, 47)
     );
     // Nothing of it is KITTI's, so nothing stands beside published rows.
     assert!(
@@ -33,12 +33,21 @@ fn the_repositorys_own_leaderboard_is_good_and_can_be_shown() {
     assert_eq!(
         ranks,
         [
+            ("random-1", Some(1)),
             ("fixed-1", Some(1)),
             ("strat-1", Some(1)),
-            ("no-adv-1", Some(3)),
-            ("median-depth", Some(4)),
-            ("constant", Some(5)),
-            ("flat_road", Some(6)),
+            ("strat-3", Some(1)),
+            ("fixed-3", Some(1)),
+            ("strat-2", Some(6)),
+            ("no-adv-1", Some(6)),
+            ("random-3", Some(6)),
+            ("no-adv-3", Some(6)),
+            ("no-adv-2", Some(10)),
+            ("random-2", Some(10)),
+            ("fixed-2", Some(10)),
+            ("median-depth", Some(13)),
+            ("constant", Some(14)),
+            ("flat_road", Some(15)),
         ]
     );
     let out = tempfile::tempdir().unwrap();
