@@ -17,7 +17,7 @@ use super::{
 use crate::{
     draw::{
         colour::{brightest_of, magma, percentile_95},
-        legend::{Scale, ScaleUnit, coloured},
+        legend::{Key, Scale, ScaleUnit, uncaptioned},
         sheet::{Sheet, Tile, tile_size},
     },
     model::{self, Model, ModelError},
@@ -211,14 +211,25 @@ fn picture_tile(picture: &RgbImage, caption: String) -> Tile {
     Tile::photograph(picture, size, PICTURE_QUALITY, caption)
 }
 
-fn depth_tile(depth: &Plane, brightest: f32, unit: Unit, caption: String) -> Tile {
+/// The scale of depth, which holds for a whole sheet.
+fn depth_key(brightest: f32, unit: Unit) -> Key {
+    Key {
+        words: match unit {
+            Unit::M => "depth".to_owned(),
+            Unit::Relative => "inverse depth, relative".to_owned(),
+        },
+        scale: Scale {
+            unit: (unit == Unit::M).then_some(ScaleUnit::Metres),
+            brightest,
+        },
+        colour: magma,
+    }
+}
+
+fn depth_tile(depth: &Plane, key: &Key, caption: String) -> Tile {
     let (width, height) = tile_size_of(depth);
     let small = resize::area_f32(&inverse(depth), width, height);
-    let scale = Scale {
-        unit: (unit == Unit::M).then_some(ScaleUnit::Metres),
-        brightest,
-    };
-    Tile::drawn(&coloured(&small, scale), caption)
+    Tile::drawn(&uncaptioned(&small, key.scale), caption)
 }
 
 /// The brightest colour of several maps together.
@@ -230,7 +241,10 @@ fn brightest<'a>(depths: impl Iterator<Item = &'a Plane>) -> f32 {
 
 /// Composites in one row, their depth in the row below.
 fn pairs_sheet(title: String, note: &str, groups: Vec<Vec<Shown>>, unit: Unit) -> Sheet {
-    let brightest = brightest(groups.iter().flatten().map(|shown| &shown.depth));
+    let key = depth_key(
+        brightest(groups.iter().flatten().map(|shown| &shown.depth)),
+        unit,
+    );
     let mut rows = Vec::new();
     for group in groups {
         rows.push(
@@ -242,7 +256,7 @@ fn pairs_sheet(title: String, note: &str, groups: Vec<Vec<Shown>>, unit: Unit) -
         rows.push(
             group
                 .iter()
-                .map(|shown| depth_tile(&shown.depth, brightest, unit, "depth".to_owned()))
+                .map(|shown| depth_tile(&shown.depth, &key, "depth".to_owned()))
                 .collect(),
         );
     }
@@ -250,6 +264,7 @@ fn pairs_sheet(title: String, note: &str, groups: Vec<Vec<Shown>>, unit: Unit) -
         title,
         note: note.to_owned(),
         rows,
+        keys: vec![key],
     }
 }
 
@@ -260,7 +275,10 @@ fn occlusion_sheet(
     rows: &[(String, Shown, Shown)],
     unit: Unit,
 ) -> Sheet {
-    let brightest = brightest(rows.iter().flat_map(|(_, a, b)| [&a.depth, &b.depth]));
+    let key = depth_key(
+        brightest(rows.iter().flat_map(|(_, a, b)| [&a.depth, &b.depth])),
+        unit,
+    );
     let difference = |a: &Plane, b: &Plane| Plane {
         width: a.width,
         height: a.height,
@@ -287,7 +305,8 @@ fn occlusion_sheet(
     let mut sheet = Sheet {
         title,
         note: note.to_owned(),
-        rows: Vec::new(),
+        keys: vec![key.clone()],
+        ..Sheet::default()
     };
     for ((name, same, contrast), change) in rows.iter().zip(&changes) {
         let (width, height) = tile_size_of(change);
@@ -300,16 +319,10 @@ fn occlusion_sheet(
                 &contrast.picture,
                 format!("(a) {name}: occluder of other luminance"),
             ),
-            depth_tile(
-                &same.depth,
-                brightest,
-                unit,
-                "(b) depth, same luminance".to_owned(),
-            ),
+            depth_tile(&same.depth, &key, "(b) depth, same luminance".to_owned()),
             depth_tile(
                 &contrast.depth,
-                brightest,
-                unit,
+                &key,
                 "(c) depth, other luminance".to_owned(),
             ),
             Tile::drawn(&picture, format!("(d) |b - c|, black 0, brightest {end}")),

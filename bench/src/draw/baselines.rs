@@ -53,6 +53,7 @@ pub fn sheet(image: &str, model: &str, synthesis: &Synthesis) -> String {
              mean over the colours; black 0, bright {WORST_DIFFERENCE} and more."
         ),
         rows,
+        ..Sheet::default()
     }
     .svg()
 }

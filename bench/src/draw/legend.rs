@@ -1,10 +1,15 @@
-//! A map in colour with its scale below: a strip of colours, ticks and labels.
+//! A map in colour with its scale below: a strip of colours, ticks and labels; of sheets the scale alone, as
+//! part of their SVG.
 
 use image::{Rgb, RgbImage};
-use maud::html;
+use maud::{Markup, html};
 use strat_store::raster::Plane;
 
-use super::{colour::magma, png, svg::Px};
+use super::{
+    colour::magma,
+    png,
+    svg::{Px, text},
+};
 
 /// The scale of a coloured map: black at 0, brightest at this value.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +29,48 @@ pub enum ScaleUnit {
     Pixels,
     /// Values and labels are plain numbers; the last one is "and more".
     AndMore,
+}
+
+/// The scale of a sheet's colours.
+#[derive(Clone, Debug)]
+pub struct Key {
+    /// What it is of.
+    pub words: String,
+    /// Its values.
+    pub scale: Scale,
+    /// The colour of a share of the brightest value.
+    pub colour: fn(f32) -> Rgb<u8>,
+}
+
+impl Key {
+    /// Rows that it takes.
+    pub const HEIGHT: u32 = 40;
+    /// Rows of its strip of colours, the first of them.
+    pub const STRIP: u32 = 8;
+
+    /// The scale from `(left, top)` on, as many units wide.
+    pub(super) fn svg(&self, left: u32, top: u32, width: u32) -> Markup {
+        let bars = width.clamp(1, 100);
+        let size = 10.0;
+        let below = f64::from(top + Self::STRIP);
+        html! {
+            g shape-rendering="crispEdges" {
+                @for bar in 0..bars {
+                    @let (from, to) = (bar * width / bars, (bar + 1) * width / bars);
+                    @let Rgb([r, g, b]) = (self.colour)(bar as f32 / (bars - 1).max(1) as f32);
+                    rect x=(left + from) y=(top) width=(to - from) height=(Self::STRIP)
+                        fill=(format!("#{r:02x}{g:02x}{b:02x}")) {}
+                }
+            }
+            @for label in labels(self.scale, width as f32, size) {
+                @let tick = f64::from(left) + f64::from(label.tick) + 0.5;
+                path d=(format!("M{tick} {below}v3")) stroke="#222222" fill="none" {}
+                text x=(Px(f64::from(left) + f64::from(label.left))) y=(Px(below + 13.0)) font-size=(size)
+                    fill="#222222" { (label.text) }
+            }
+            (text(f64::from(left), below + 26.0, "start", &self.words))
+        }
+    }
 }
 
 /// Rows of the strip of colours, of the ticks below it, and of everything, before magnification.

@@ -1,4 +1,4 @@
-//! Pictures with captions, in rows.
+//! Pictures of one size with captions, in rows, and the scales of their colours, each once.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
@@ -8,7 +8,7 @@ use strat_store::{
     resize::{self, Kernel},
 };
 
-use super::svg::document;
+use super::{legend::Key, svg::document};
 
 /// A picture within a sheet.
 #[derive(Clone, Debug)]
@@ -21,9 +21,20 @@ pub struct Tile {
     format: &'static str,
     /// Its size in pixels.
     size: (u32, u32),
+    /// The scale of its colours, below the caption.
+    key: Option<Key>,
 }
 
 impl Tile {
+    /// With the scale of the colours of its row.
+    #[must_use]
+    pub fn with_key(self, key: Key) -> Self {
+        Self {
+            key: Some(key),
+            ..self
+        }
+    }
+
     /// A drawn picture as it is, without loss.
     #[must_use]
     pub fn drawn(picture: &RgbImage, caption: String) -> Self {
@@ -32,6 +43,7 @@ impl Tile {
             data: image_files::encode_png_rgb(picture),
             format: "png",
             size: picture.dimensions(),
+            key: None,
         }
     }
 
@@ -55,6 +67,7 @@ impl Tile {
             data: image_files::encode_jpeg_rgb(&small, quality),
             format: "jpeg",
             size: (width, height),
+            key: None,
         }
     }
 }
@@ -81,6 +94,8 @@ pub struct Sheet {
     pub note: String,
     /// The pictures.
     pub rows: Vec<Vec<Tile>>,
+    /// Below all, the scales that hold for the whole sheet.
+    pub keys: Vec<Key>,
 }
 
 impl Sheet {
@@ -89,17 +104,28 @@ impl Sheet {
     pub fn svg(&self) -> String {
         const GAP: u32 = 10;
         const MARGIN: u32 = 16;
+        const CAPTION: u32 = 28;
         let (mut top, mut widest) = (58, 520);
+        let mut keys: Vec<(u32, u32, u32, &Key)> = Vec::new();
         let mut placed = Vec::new();
         for row in &self.rows {
             let (mut left, mut tallest) = (MARGIN, 0);
             for tile in row {
                 placed.push((left, top, tile));
+                if let Some(key) = &tile.key {
+                    keys.push((left, top + tile.size.1 + CAPTION - 8, tile.size.0, key));
+                }
                 left += tile.size.0 + GAP;
                 tallest = tallest.max(tile.size.1);
             }
             widest = widest.max(left - GAP + MARGIN);
-            top += tallest + 28;
+            let has_key = row.iter().any(|tile| tile.key.is_some());
+            top += tallest + CAPTION + if has_key { Key::HEIGHT } else { 0 };
+        }
+        let width = (widest - 2 * MARGIN).min(460);
+        for key in &self.keys {
+            keys.push((MARGIN, top, width, key));
+            top += Key::HEIGHT + GAP;
         }
         let body = html! {
             @for (left, top, tile) in placed {
@@ -107,6 +133,7 @@ impl Sheet {
                     href=(data_address(tile.format, &tile.data)) {}
                 text x=(left) y=(top + tile.size.1 + 14) font-size="11" fill="#222222" { (tile.caption) }
             }
+            @for (left, top, width, key) in keys { (key.svg(left, top, width)) }
         };
         let size = (f64::from(widest), f64::from(top));
         document(size, &self.title, &self.note, &body)
@@ -116,7 +143,11 @@ impl Sheet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::png::png;
+    use crate::draw::{
+        colour::cividis,
+        legend::{Scale, ScaleUnit},
+        png::png,
+    };
     use image::Rgb;
 
     /// Two tiles beside each other and one below: each colour is found where its tile was put.
@@ -130,11 +161,11 @@ mod tests {
         };
         let sheet = Sheet {
             title: "t".to_owned(),
-            note: String::new(),
             rows: vec![
                 vec![tile([250, 0, 0]), tile([0, 250, 0])],
                 vec![tile([0, 0, 250])],
             ],
+            ..Sheet::default()
         };
         let svg = sheet.svg();
         assert_eq!(svg.matches("a &amp; b").count(), 3);
@@ -150,6 +181,44 @@ mod tests {
             (60, 59, [255; 3]),
         ] {
             assert_eq!(drawn.get_pixel(x, y).0, colour, "{x} {y}");
+        }
+    }
+
+    /// The colours of a scale, from its dark end to its bright one, below the tiles or below its own.
+    #[test]
+    fn scales_stand_below_their_pictures() {
+        let tile = || Tile::drawn(&RgbImage::from_pixel(100, 20, Rgb([9; 3])), "a".to_owned());
+        let key = Key {
+            words: "error".to_owned(),
+            scale: Scale {
+                unit: Some(ScaleUnit::AndMore),
+                brightest: 0.5,
+            },
+            colour: cividis,
+        };
+        let sheet = Sheet {
+            rows: vec![vec![tile(), tile().with_key(key.clone())], vec![tile()]],
+            keys: vec![key],
+            ..Sheet::default()
+        };
+        let svg = sheet.svg();
+        for (text, count) in [(">error<", 2), (">0.5+<", 2), (">0.25<", 2)] {
+            assert_eq!(svg.matches(text).count(), count, "{text}");
+        }
+        let drawn = image::load_from_memory(&png(&svg, 1.0).unwrap())
+            .unwrap()
+            .to_rgb8();
+        let row = 20 + 28;
+        assert_eq!(drawn.height(), 58 + 2 * row + 2 * Key::HEIGHT + 10);
+        let own = 58 + row - 8 + Key::STRIP / 2;
+        let last = 58 + 2 * row + Key::HEIGHT + Key::STRIP / 2;
+        for (x, y, share) in [
+            (126, own, 0.0),
+            (225, own, 1.0),
+            (16, last, 0.0),
+            (475, last, 1.0),
+        ] {
+            assert_eq!(*drawn.get_pixel(x, y), cividis(share), "{x} {y}");
         }
     }
 

@@ -17,7 +17,7 @@ use strat_store::{raster::Plane, resize};
 use super::{
     colour::{brightest_of, cividis, magma, percentile_95},
     comparison::{NOTHING, WORST_ERROR, widened},
-    legend::{Scale, ScaleUnit, coloured, draw_legend, legend_height},
+    legend::{Key, Scale, ScaleUnit, uncaptioned},
     sheet::{Sheet, Tile, tile_size},
 };
 use crate::evaluate::Comparison;
@@ -102,7 +102,8 @@ pub fn comparisons(title: &str, frames: &[Frame<'_>]) -> Vec<String> {
         "Depth: magma, bright is near, one scale for an image. Error: |predicted - true| / true, \
          cividis, dark 0, bright {WORST_ERROR} and more. Grey was not scored."
     );
-    sheets(title, &note, frames, rows_of)
+    let error = key("relative error", WORST_ERROR, cividis);
+    sheets(title, &note, &error, frames, rows_of)
 }
 
 /// Synthesis sheets of [`PER_SHEET`] images each, as SVG.
@@ -112,12 +113,26 @@ pub fn syntheses(title: &str, frames: &[SynthesisFrame<'_>]) -> Vec<String> {
         "Synthesised from the left view at its own size. Difference: mean over the colours, black \
          0, bright {WORST_DIFFERENCE} grey levels and more."
     );
-    sheets(title, &note, frames, synthesis_rows)
+    let grey = key("difference, grey levels", WORST_DIFFERENCE, magma);
+    sheets(title, &note, &grey, frames, synthesis_rows)
+}
+
+/// A scale from 0 to a value and more.
+fn key(words: &str, brightest: f32, colour: fn(f32) -> Rgb<u8>) -> Key {
+    Key {
+        words: words.to_owned(),
+        scale: Scale {
+            unit: Some(ScaleUnit::AndMore),
+            brightest,
+        },
+        colour,
+    }
 }
 
 fn sheets<F>(
     title: &str,
     note: &str,
+    key: &Key,
     frames: &[F],
     rows_of: impl Fn(&F) -> [Vec<Tile>; 2],
 ) -> Vec<String> {
@@ -131,6 +146,7 @@ fn sheets<F>(
             },
             note: note.to_owned(),
             rows: frames.iter().flat_map(&rows_of).collect(),
+            keys: vec![key.clone()],
         };
         sheet.svg()
     };
@@ -169,13 +185,18 @@ fn rows_of(frame: &Frame<'_>) -> [Vec<Tile>; 2] {
         brightest,
     };
     let mut above = vec![photograph(&some.input, size, frame.image.to_owned())];
-    let mut below = vec![truth_tile(&truth, size, scale)];
+    let depth = Key {
+        words: "depth".to_owned(),
+        scale,
+        colour: magma,
+    };
+    let mut below = vec![truth_tile(&truth, size, scale).with_key(depth)];
     for (name, shown) in &frame.models {
         match shown {
             Ok(one) => {
                 let small = resize::area_f32(&one.predicted, size.0 as usize, size.1 as usize);
                 above.push(Tile::drawn(
-                    &coloured(&small, scale),
+                    &uncaptioned(&small, scale),
                     format!("{name}: depth"),
                 ));
                 below.push(error_tile(one, size, name));
@@ -232,7 +253,7 @@ fn truth_tile(truth: &Plane, size: (u32, u32), scale: Scale) -> Tile {
         height: size.1 as usize,
         data: values.iter().map(|value| value.unwrap_or(0.0)).collect(),
     };
-    let mut picture = coloured(&small, scale);
+    let mut picture = uncaptioned(&small, scale);
     for (index, _) in small.data.iter().enumerate().filter(|(_, v)| **v <= 0.0) {
         picture.put_pixel(index as u32 % size.0, index as u32 / size.0, NOTHING);
     }
@@ -247,39 +268,18 @@ fn truth_tile(truth: &Plane, size: (u32, u32), scale: Scale) -> Tile {
 fn error_tile(comparison: &Comparison, size: (u32, u32), name: &str) -> Tile {
     let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
     let values = pooled(&comparison.error(), size, mean);
-    let picture = with_scale(size, WORST_ERROR, cividis, |x, y| {
+    let picture = RgbImage::from_fn(size.0, size.1, |x, y| {
         values[(y * size.0 + x) as usize].map_or(NOTHING, |error| cividis(error / WORST_ERROR))
     });
     let caption = match (&comparison.scored, comparison.abs_rel()) {
         (None, _) => format!("{name}: no ground truth to compare with"),
-        (Some(_), None) => format!("{name}: relative error, 0 to {WORST_ERROR}"),
+        (Some(_), None) => format!("{name}: relative error"),
         (Some(_), Some(abs_rel)) => format!(
-            "{name}: relative error, 0 to {WORST_ERROR}; Abs Rel {abs_rel:.3} under {}",
+            "{name}: relative error; Abs Rel {abs_rel:.3} under {}",
             comparison.context.protocol
         ),
     };
     Tile::drawn(&picture, caption)
-}
-
-/// A picture with the scale of its colours below, from 0 to `brightest` and more.
-fn with_scale(
-    (width, height): (u32, u32),
-    brightest: f32,
-    colour: impl Fn(f32) -> Rgb<u8>,
-    pixel: impl Fn(u32, u32) -> Rgb<u8>,
-) -> RgbImage {
-    let mut picture = RgbImage::new(width, height + legend_height(width));
-    for y in 0..height {
-        for x in 0..width {
-            picture.put_pixel(x, y, pixel(x, y));
-        }
-    }
-    let scale = Scale {
-        unit: Some(ScaleUnit::AndMore),
-        brightest,
-    };
-    draw_legend(&mut picture, (0, height), width, scale, colour);
-    picture
 }
 
 fn synthesis_rows(frame: &SynthesisFrame<'_>) -> [Vec<Tile>; 2] {
@@ -306,7 +306,7 @@ fn synthesis_rows(frame: &SynthesisFrame<'_>) -> [Vec<Tile>; 2] {
                 let mean = difference.data.iter().sum::<f32>() / difference.data.len() as f32;
                 let (width, height) = (size.0 as usize, size.1 as usize);
                 let small = resize::area_f32(&difference, width, height);
-                let picture = with_scale(size, WORST_DIFFERENCE, magma, |x, y| {
+                let picture = RgbImage::from_fn(size.0, size.1, |x, y| {
                     magma(small.row(y as usize)[x as usize] / WORST_DIFFERENCE)
                 });
                 above.push(photograph(
@@ -413,7 +413,8 @@ mod tests {
             "good &lt;1&gt;: depth",
             "ground truth, dilated",
             "bad: no depth: it gave NaN",
-            "relative error, 0 to 0.5; Abs Rel 0.250 under eigen-80",
+            "relative error; Abs Rel 0.250 under eigen-80",
+            ">0.5+<",
         ] {
             assert!(svg.contains(text), "no {text}");
         }

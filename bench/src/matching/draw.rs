@@ -241,6 +241,7 @@ pub fn places(image: &str, view: &View, chosen: &[(Chosen, Line)]) -> String {
                 "right, with the part of each line that is searched".to_owned(),
             )],
         ],
+        ..Sheet::default()
     }
     .svg()
 }

@@ -189,7 +189,7 @@ impl Draft {
             (
                 "meaning",
                 "inverse_depth",
-                ": see `bench --help` for the meanings",
+                ": `bench eval --help` has the meanings",
             ),
             ("kernel", "opencv-linear", ": or opencv-cubic"),
             ("align_corners", "false", ""),

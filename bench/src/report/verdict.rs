@@ -15,6 +15,9 @@ use crate::rows::compare;
 /// What p after Holm must be below for a model to be called better.
 const LEVEL: f64 = 0.05;
 
+/// Up to so many differences are printed with the page.
+const PRINTED: usize = 42;
+
 impl Page {
     /// The models in the order of their Abs Rel under a protocol, and every pair of them; nothing for a single
     /// one.
@@ -67,7 +70,7 @@ impl Page {
                 "choice of test drives is unlikely to explain the difference; it says nothing about variation between "
                 "trainings."
             }
-            details {
+            details.long[tests.len() > PRINTED] {
                 summary { "All differences" }
                 (scrolling(&format!("Differences under {protocol}"), "Second model less first.", &table(&tests)))
             }

@@ -270,7 +270,7 @@ fn captions_have_the_numbers_of_the_rows() {
     let error = |row: &&Row| row.score.metrics.abs_rel;
     let worst = of_50.max_by(|a, b| error(a).total_cmp(&error(b))).unwrap();
     let caption = format!(
-        "m: relative error, 0 to 0.5; Abs Rel {:.3} under eigen-50",
+        "m: relative error; Abs Rel {:.3} under eigen-50",
         worst.score.metrics.abs_rel
     );
     let sheet = svg(&out, "comparison");

@@ -29,7 +29,10 @@ fn next_step(report: &Report, out: &str) -> String {
              -m MODEL.onnx -o results"
         ),
         (true, None) => format!("next: train --config kitti-strat --data {out} --out runs/first"),
-        (false, _) => format!("next: bench eval --table all --data {out} -m MODEL.onnx -o results"),
+        (false, _) => format!(
+            "next: bench eval --table all --data {out} -m MODEL.onnx -o results, or with your own maps --predictions \
+             NAME=MAPS.npy"
+        ),
     }
 }
 

@@ -232,8 +232,11 @@ function scatter(common, index, names) {
   byId("scatter").replaceChildren(svg);
 }
 
-function drives(parts, lower) {
+// Bars of recordings; of very many those at both ends.
+function drives(all, lower) {
   const line = 20;
+  const left = all.length > 60 ? all.length - 60 : 0;
+  const parts = left ? [...all.slice(0, 30), ...all.slice(-30)] : all;
   const svg = plot(560, line * parts.length + 30, "Mean difference per recording, second method less first");
   const largest = Math.max(...parts.map((one) => Math.abs(one.mean)), 1e-12);
   const x = (value) => 370 + 120 * value / largest;
@@ -248,6 +251,10 @@ function drives(parts, lower) {
     svg.append(element("text", { x: 552, y: top + 11, "text-anchor": "end" }, signed(one.mean)));
   });
   svg.append(element("path", { class: "axis", d: `M${x(0)} 0V${line * parts.length + 6}` }));
+  if (left) {
+    const words = `${left} recordings between the upper and the lower 30 are not drawn`;
+    svg.append(element("text", { x: 552, y: line * parts.length + 20, "text-anchor": "end" }, words));
+  }
   byId("drives").replaceChildren(svg);
 }
 

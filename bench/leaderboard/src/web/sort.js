@@ -32,10 +32,10 @@ for (const table of document.querySelectorAll("table.sortable")) {
     });
   });
 }
-// Notes are printed, too.
+// Notes are printed, too; what would fill pages is not.
 let opened = [];
 addEventListener("beforeprint", () => {
-  opened = [...document.querySelectorAll("details:not([open])")];
+  opened = [...document.querySelectorAll("details:not([open]):not(.long)")];
   opened.forEach((one) => { one.open = true; });
 });
 addEventListener("afterprint", () => opened.forEach((one) => { one.open = false; }));

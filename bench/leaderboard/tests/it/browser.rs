@@ -36,8 +36,8 @@ fn rows_of(id: &str) -> Vec<Row> {
     rows::read(bytes.as_slice()).unwrap()
 }
 
-/// What a browser makes of the comparison page of a site.
-fn compared(chromium: &str, folder: &Path, site: &Path, choice: &str) -> String {
+/// What a browser makes of a page, whose path may end in a choice.
+fn shown(chromium: &str, folder: &Path, page: &str, width: u32) -> String {
     let output = Command::new(chromium)
         .args([
             "--headless",
@@ -46,17 +46,54 @@ fn compared(chromium: &str, folder: &Path, site: &Path, choice: &str) -> String 
             "--virtual-time-budget=20000",
             "--dump-dom",
         ])
+        .arg(format!("--window-size={width},900"))
         .arg(format!(
             "--user-data-dir={}",
             folder.join("profile").display()
         ))
-        .arg(format!(
-            "file://{}#{choice}",
-            site.join("compare.html").display()
-        ))
+        .arg(format!("file://{page}"))
         .output()
         .unwrap();
     String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+fn compared(chromium: &str, folder: &Path, site: &Path, choice: &str) -> String {
+    let page = site.join("compare.html");
+    shown(chromium, folder, &format!("{}#{choice}", page.display()), 1280)
+}
+
+/// No column of a ranking lies beyond the edge of a usual screen, and a phone shows names and the first metric.
+#[test]
+fn rankings_fit_the_screen() {
+    let Some(chromium) = chromium() else {
+        Need::Chromium.is_lacking("none in the path");
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("site");
+    site::write(&check(&board(), true).unwrap(), &out).unwrap();
+    let measure = "const cut = [...document.querySelectorAll('.scroll')].filter((one) => one.scrollWidth > one.clientWidth);\n\
+                   const cell = document.querySelector('td[data-column=abs_rel]').getBoundingClientRect();\n\
+                   document.title = `cut ${cut.length}, Abs Rel ends at ${Math.round(cell.right)} of ${innerWidth}`;\n";
+    fs::write(out.join("measure.js"), measure).unwrap();
+    let page = out.join("protocols/eigen-80.html");
+    let html = fs::read_to_string(&page).unwrap();
+    let html = html.replace("</body>", "<script src=\"../measure.js\"></script></body>");
+    fs::write(&page, html).unwrap();
+    let told = |width: u32| {
+        let html = shown(chromium, folder.path(), &page.display().to_string(), width);
+        let title = html.split("<title>").nth(1).unwrap_or_default();
+        title.split("</title>").next().unwrap_or_default().to_owned()
+    };
+    let wide = told(1280);
+    assert!(wide.starts_with("cut 0, "), "{wide}");
+    // The narrowest window of a headless Chromium is 500 wide.
+    let narrow = told(500);
+    let numbers: Vec<i32> = narrow
+        .split(|c: char| !c.is_ascii_digit())
+        .filter_map(|text| text.parse().ok())
+        .collect();
+    assert!(numbers[1] < 390, "{narrow}");
 }
 
 /// The page has the means, differences, intervals and p values of `bench compare`.

@@ -24,8 +24,8 @@ pub enum SavedError {
     },
     /// Nobody says what the numbers mean.
     #[error(
-        "{} does not say what its numbers mean, and {} is missing; write one such \
-         as `meaning: disparity_fraction`, see `bench --help`",
+        "{} does not say what its numbers mean, and {} is missing; write one, such as \
+         `meaning: disparity_fraction` (`bench eval --help` has the others)",
         path.display(), yaml.display()
     )]
     Undescribed {
