@@ -41,7 +41,7 @@ Examples:
 Models of other projects need a description beside the file (`bench describe --help`), and so do saved
 predictions (disps.yaml for disps.npy or disps.npz, predictions.yaml in a folder of PNG, EXR or npy files), with
 meaning, sigmoid, scale and png_divisor:
-  meaning: disparity_fraction    of the image width; or disparity_px, inverse_depth, inverse_depth_per_m, depth, depth_m
+  meaning: disparity_fraction  # of the image width; or disparity_px, inverse_depth, inverse_depth_per_m, depth, depth_m
 
 A run that was interrupted goes on where it stopped when the same command is run again.";
 
