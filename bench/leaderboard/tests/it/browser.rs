@@ -59,7 +59,12 @@ fn shown(chromium: &str, folder: &Path, page: &str, width: u32) -> String {
 
 fn compared(chromium: &str, folder: &Path, site: &Path, choice: &str) -> String {
     let page = site.join("compare.html");
-    shown(chromium, folder, &format!("{}#{choice}", page.display()), 1280)
+    shown(
+        chromium,
+        folder,
+        &format!("{}#{choice}", page.display()),
+        1280,
+    )
 }
 
 /// No column of a ranking lies beyond the edge of a usual screen, and a phone shows names and the first metric.
@@ -83,7 +88,11 @@ fn rankings_fit_the_screen() {
     let told = |width: u32| {
         let html = shown(chromium, folder.path(), &page.display().to_string(), width);
         let title = html.split("<title>").nth(1).unwrap_or_default();
-        title.split("</title>").next().unwrap_or_default().to_owned()
+        title
+            .split("</title>")
+            .next()
+            .unwrap_or_default()
+            .to_owned()
     };
     let wide = told(1280);
     assert!(wide.starts_with("cut 0, "), "{wide}");
