@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use strat_store::{fault, files, spread};
 
+use crate::Chosen;
 use crate::cases::{Case, FOLDERS, cases, finish, results, unharmed};
 use crate::stage::{Ended, Fault, Stage, tree};
 
@@ -26,17 +27,17 @@ pub struct Tally {
 /// How `timeout` tells of `abort`.
 const KILLED: i32 = 134;
 
-/// Tries each case whose name contains `filter` at all changes, or in the `short` form at a few that are
+/// Tries each chosen case at all changes, or in the `short` form at a few that are
 /// spread evenly.
 pub fn campaign(
     stages: &[Stage],
-    filter: &str,
+    chosen: &Chosen,
     short: bool,
 ) -> impl Iterator<Item = (&'static str, Tally)> {
-    let chosen = cases()
+    let cases = cases()
         .into_iter()
-        .filter(move |case| case.name.contains(filter));
-    chosen.map(move |case| (case.name, sweep(stages, &case, short)))
+        .filter(move |case| chosen.has(case.name));
+    cases.map(move |case| (case.name, sweep(stages, &case, short)))
 }
 
 /// The faults of a case, in order.

@@ -12,6 +12,7 @@ mod streams;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
+use std::time::Instant;
 
 use strat_tests::steps::Command;
 
@@ -59,18 +60,29 @@ fn main() -> ExitCode {
         println("faults are in debug builds only");
         return ExitCode::SUCCESS;
     }
-    let (what, only) = (
-        full.as_deref().unwrap_or("all"),
-        value("--only").unwrap_or_default(),
-    );
+    let what = full.as_deref().unwrap_or("all");
+    let chosen = Chosen {
+        only: value("--only").unwrap_or_default(),
+        not: value("--not").unwrap_or_default(),
+    };
     let number =
         |name, otherwise| value(name).map_or(otherwise, |text| text.parse().unwrap_or(otherwise));
     let is_short = full.is_none();
     let stages = Stage::several();
     let stage = &stages[0];
+    if what == "cost" {
+        for case in cases::cases().iter().filter(|case| chosen.has(case.name)) {
+            case.prepare(stage);
+            let began = Instant::now();
+            let changes = stage.count(&case.line);
+            let seconds = began.elapsed().as_secs_f64();
+            println(&format!("{}: {changes} changes, {seconds:.2} s", case.name));
+        }
+        return ExitCode::SUCCESS;
+    }
     let (mut tried, mut wrong) = (0, Vec::new());
     if ["all", "kills"].contains(&what) {
-        for (name, tally) in kills::campaign(&stages, &only, is_short) {
+        for (name, tally) in kills::campaign(&stages, &chosen, is_short) {
             println(&format!(
                 "{name}: {} kills, {} errors, {} signals; {} wrong",
                 tally.kills,
@@ -83,7 +95,7 @@ fn main() -> ExitCode {
         }
     }
     if ["all", "streams"].contains(&what) {
-        let (processes, found) = streams::campaign(stage, &only, is_short);
+        let (processes, found) = streams::campaign(stage, &chosen, is_short);
         println(&format!(
             "streams and limits: {processes} tried; {} wrong",
             found.len()
@@ -93,7 +105,7 @@ fn main() -> ExitCode {
     }
     if ["all", "mutations"].contains(&what) {
         let count = number("--count", MUTATIONS[usize::from(!is_short)]);
-        for (name, tally) in mutations::campaign(&stages, &only, number("--seed", 1), count) {
+        for (name, tally) in mutations::campaign(&stages, &chosen, number("--seed", 1), count) {
             let codes = tally
                 .codes
                 .iter()
@@ -120,6 +132,21 @@ fn main() -> ExitCode {
         ExitCode::SUCCESS
     } else {
         ExitCode::FAILURE
+    }
+}
+
+/// Which cases and kinds are tried.
+pub struct Chosen {
+    /// What their names hold.
+    only: String,
+    /// Names that are left out, separated by commas.
+    not: String,
+}
+
+impl Chosen {
+    /// Whether something of this name is tried.
+    pub fn has(&self, name: &str) -> bool {
+        name.contains(&self.only) && self.not.split(',').all(|other| other != name)
     }
 }
 

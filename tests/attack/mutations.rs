@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::Chosen;
 use crate::stage::Stage;
 
 /// A kind of input: the file that is changed, and the lines that read it.
@@ -122,18 +123,16 @@ pub struct Tally {
     pub wrong: Vec<String>,
 }
 
-/// Makes `count` mutations of each kind whose name contains `filter`.
+/// Makes `count` mutations of each kind that is chosen.
 pub fn campaign(
     stages: &[Stage],
-    filter: &str,
+    chosen: &Chosen,
     seed: u64,
     count: u64,
 ) -> impl Iterator<Item = (&'static str, Tally)> {
     let kinds = stages.iter().map(kinds).next_back().unwrap_or_default();
-    let chosen = kinds
-        .into_iter()
-        .filter(move |kind| kind.name.contains(filter));
-    chosen.map(move |kind| (kind.name, attack(stages, &kind, seed, count)))
+    let kinds = kinds.into_iter().filter(move |kind| chosen.has(kind.name));
+    kinds.map(move |kind| (kind.name, attack(stages, &kind, seed, count)))
 }
 
 fn attack(stages: &[Stage], kind: &Kind, seed: u64, count: u64) -> Tally {
