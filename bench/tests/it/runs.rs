@@ -20,7 +20,7 @@ use strat_store::{
 
 use crate::command::{Ran, run, text};
 use crate::fixtures::{
-    HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, SCAN_DEPTH_M, WIDTH, network, write_model,
+    HEIGHT, INPUT_HEIGHT, INPUT_WIDTH, SCAN_DEPTH_M, WIDTH, network, onnxruntime, write_model,
 };
 use crate::npy;
 use crate::world::World;
@@ -373,6 +373,28 @@ fn parts_merge_into_the_bytes_of_one_run() {
     let record = fs::read_to_string(world.path("parts/run.yaml")).unwrap();
     assert!(record.contains("images: 9"), "{record}");
     part("3/3", &asked).code(2).says("the last of 3 is 2/3");
+}
+
+/// Images are decoded and scored side by side, and only the model's own threads divide a sum.
+#[test]
+fn rows_do_not_depend_on_the_number_of_jobs() {
+    let world = World::new(Split::Kitti, 9, true);
+    let model = text(&write_model(world.folder.path(), "m", 0.02, 0.05, "eigen"));
+    // With the runtime that a user has.
+    let runtimes = match onnxruntime() {
+        Some(_) => vec!["embedded", "ort"],
+        None => vec!["embedded"],
+    };
+    for runtime in runtimes {
+        let rows = |jobs: &str| {
+            let out = format!("{runtime}-{jobs}");
+            let more = ["--model", &model, "--runtime", runtime, "--jobs", jobs];
+            world.bench("all", &out, &more).code(0);
+            fs::read(world.path(&out).join("rows.csv")).unwrap()
+        };
+        let one = rows("1");
+        assert!(one == rows("2") && one == rows("4"), "{runtime}");
+    }
 }
 
 #[test]
