@@ -9,13 +9,15 @@
 //! is not. Evaluation belongs on `valid()` networks (see [`crate::training::validation`]).
 
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::panic::resume_unwind;
 use std::path::Path;
 
 use burn::module::Module;
 use burn::optim::{GradientsAccumulator, GradientsParams, ModuleOptimizer, OptimizerRecord};
 use burn::store::{ModuleRecord, RecordError};
 use burn::tensor::{Bytes, Device};
+
+use strat_store::guard::guarded;
 
 use super::batch::{BatchGradients, BatchPass, Replica, StepContext};
 use super::checkpoint::Checkpoint;
@@ -326,48 +328,59 @@ impl Trainer {
         checkpoint: &Checkpoint,
         folder: &Path,
     ) -> Result<Self> {
-        let wrong = |name: &str, error: RecordError| Error::Checkpoint {
-            folder: folder.to_path_buf(),
-            reason: format!("{name}: {error}"),
-        };
-        let bytes = |name: &str| -> Result<Bytes> {
+        let read = |name: &str| -> Result<Bytes> {
             Ok(Bytes::from_bytes_vec(
                 checkpoint.part(folder, name)?.to_vec(),
             ))
         };
-        let module =
-            |name: &str| ModuleRecord::from_bytes(bytes(name)?).map_err(|error| wrong(name, error));
+        let module = |name: &str| reading(folder, name, read(name)?, ModuleRecord::from_bytes);
         let optimizer = |name: &str| {
-            let record =
-                OptimizerRecord::from_bytes(bytes(name)?).map_err(|error| wrong(name, error))?;
-            // burn rebuilds the state on its default device first, which in a build with GPU
-            // backends is a GPU, and panics where none answers.
-            catch_unwind(AssertUnwindSafe(|| adam().load_record(record))).map_err(|_| {
-                Error::Device(
-                    "no GPU answers, and this build looks for one to resume a run even on the \
-                     cpu; set BURN_DEVICE=flex in the environment"
-                        .to_owned(),
-                )
+            let record = reading(folder, name, read(name)?, OptimizerRecord::from_bytes)?;
+            // burn rebuilds the state on its default device first, which in a build with GPU backends is a
+            // GPU, and panics where none answers.
+            reading(folder, name, record, |record| Ok(adam().load_record(record))).map_err(|error| {
+                match cfg!(any(feature = "wgpu", feature = "cuda")) {
+                    true => Error::Device(format!(
+                        "{error}; this build looks for a GPU to resume a run even on the cpu, and where none \
+                         answers, set BURN_DEVICE=flex in the environment"
+                    )),
+                    false => error,
+                }
             })
         };
         let mut trainer = Self::new(config, None, device);
-        trainer.generator = trainer
-            .generator
-            .try_load_record(module(GENERATOR)?)
-            .map_err(|error| wrong(GENERATOR, error))?;
+        let generator = trainer.generator;
+        trainer.generator = reading(folder, GENERATOR, module(GENERATOR)?, |record| {
+            generator.try_load_record(record)
+        })?;
         trainer.optimizer = optimizer(GENERATOR_OPTIMIZER)?;
         for (adversary, [network_name, optimizer_name]) in
             trainer.adversaries.iter_mut().zip(DISCRIMINATORS)
         {
-            adversary.network = adversary
-                .network
-                .clone()
-                .try_load_record(module(network_name)?)
-                .map_err(|error| wrong(network_name, error))?;
+            let network = adversary.network.clone();
+            adversary.network = reading(folder, network_name, module(network_name)?, |record| {
+                network.try_load_record(record)
+            })?;
             adversary.optimizer = optimizer(optimizer_name)?;
         }
         Ok(trainer)
     }
+}
+
+/// Does what burn does with a part of a checkpoint, which it may panic at; `name` and `folder` are named in
+/// errors.
+fn reading<T, U>(
+    folder: &Path,
+    name: &str,
+    part: T,
+    work: impl FnOnce(T) -> std::result::Result<U, RecordError>,
+) -> Result<U> {
+    let done = guarded("burn", || work(part));
+    let done = done.and_then(|done| done.map_err(|error| error.to_string()));
+    done.map_err(|reason| Error::Checkpoint {
+        folder: folder.to_path_buf(),
+        reason: format!("{name}: {reason}"),
+    })
 }
 
 impl Adversary {
