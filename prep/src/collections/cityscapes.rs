@@ -201,8 +201,11 @@ fn rows((_, height): (u32, u32)) -> std::result::Result<Range<u32>, String> {
     }
 }
 
-/// Focal length in pixels and baseline in metres of a `camera.json`.
-fn parse_camera(text: &[u8]) -> std::result::Result<(f64, f64), String> {
+/// Focal length in pixels and baseline in metres, both above 0, of a `camera.json`.
+///
+/// # Errors
+/// It is not JSON, or lacks one of the two; with a sentence.
+pub fn parse_camera(text: &[u8]) -> std::result::Result<(f64, f64), String> {
     #[derive(Deserialize)]
     struct Camera {
         intrinsic: Intrinsic,

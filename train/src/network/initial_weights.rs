@@ -60,9 +60,21 @@ impl InitialWeights {
             reason,
         };
         let bytes = inputs::read(path, Kind::Weights).map_err(|error| refuse(error.to_string()))?;
+        Self::parse(&bytes, path)
+    }
+
+    /// As [`read`](Self::read), from memory; `path` stands in messages.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn parse(bytes: &[u8], path: &Path) -> Result<Self> {
+        let refuse = |reason: String| Error::InitialWeights {
+            path: path.to_path_buf(),
+            reason,
+        };
         let damaged = |error| refuse(format!("it is not a whole safetensors file ({error})"));
-        let file = SafeTensors::deserialize(&bytes).map_err(damaged)?;
-        let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
+        let file = SafeTensors::deserialize(bytes).map_err(damaged)?;
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
         let mut tensors = BTreeMap::new();
         for (name, view) in file.iter() {
             let values = numbers(&view).ok_or_else(|| {
@@ -86,7 +98,7 @@ impl InitialWeights {
         Ok(Self {
             path: path.to_path_buf(),
             tensors,
-            digest: files::blake3_hex(&bytes),
+            digest: files::blake3_hex(bytes),
             drives,
         })
     }

@@ -48,7 +48,9 @@ impl Shares {
 /// A usable row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
+    /// As written, or made of the path of the left image.
     pub id: String,
+    /// As written, or drawn.
     pub role: Role,
     /// As written.
     pub left: String,
@@ -58,6 +60,7 @@ pub struct Row {
     pub focal_px: f64,
     /// 0 where it is not known, as the focal length.
     pub baseline_m: f64,
+    /// None where no file is named.
     pub truth: Option<Truth>,
 }
 
@@ -66,6 +69,7 @@ pub struct Row {
 pub struct Truth {
     /// As written.
     pub file: String,
+    /// Disparity in pixels instead of depth in metres.
     pub is_disparity: bool,
     /// What the values in the file are divided by.
     pub scale: Option<f64>,
@@ -78,17 +82,22 @@ pub struct Truth {
 /// A row that cannot be used.
 #[derive(Debug, PartialEq)]
 pub struct BadRow {
+    /// Its line in the file, from 1.
     pub line: u64,
-    /// As far as they are known.
+    /// As far as it is known, else empty.
     pub id: String,
+    /// As far as it is known.
     pub role: Option<Role>,
+    /// A sentence about what is wrong.
     pub problem: String,
 }
 
 /// The rows of a list.
 #[derive(Debug, Default)]
 pub struct Table {
+    /// Those that can be used, in the order of the file, with ids that differ.
     pub rows: Vec<Row>,
+    /// The others.
     pub bad: Vec<BadRow>,
 }
 
@@ -154,7 +163,10 @@ impl Columns {
     }
 }
 
-/// Reads the list. A bad header is an error, a bad row is not.
+/// Reads the list; roles that it leaves open are drawn by `shares`. A bad row is no error.
+///
+/// # Errors
+/// The header lacks a column, has one that is not known, or the text is no CSV; with a sentence.
 pub fn parse(bytes: &[u8], shares: Shares) -> Result<Table, String> {
     // Spreadsheets begin their files with a byte order mark.
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);

@@ -7,7 +7,7 @@
 //! `.npy` or `.exr`; it becomes depth in metres along the optical axis at the image's own size. Pairs
 //! that are not rectified are not recognised.
 
-mod list;
+pub mod list;
 
 use std::collections::BTreeMap;
 use std::path::Path;
