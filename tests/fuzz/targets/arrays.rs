@@ -1,8 +1,10 @@
-//! NumPy and MATLAB arrays, saved predictions, and lists in archives.
+//! NumPy and MATLAB arrays, saved predictions with the list of their images, and lists in archives.
 #![no_main]
 
 mod damage;
 
+use std::io::Write;
+use std::path::Path;
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
@@ -13,9 +15,10 @@ use strat_store::set::{Content, FileRef, Sample};
 use tempfile::TempDir;
 
 static NPY: LazyLock<Vec<u8>> = LazyLock::new(|| npy::encode(3, 2, &[0.25; 6]));
+const DESCRIPTION: &str = "meaning: disparity_fraction\n";
 static FOLDER: LazyLock<TempDir> = LazyLock::new(|| {
     let folder = tempfile::tempdir().expect("a folder");
-    std::fs::write(folder.path().join("p.yaml"), "meaning: disparity_fraction\n").expect("written");
+    std::fs::write(folder.path().join("p.yaml"), DESCRIPTION).expect("written");
     folder
 });
 
@@ -35,6 +38,27 @@ fn matrix() -> Vec<u8> {
     bytes
 }
 
+/// An archive with one array, not compressed.
+static NPZ: LazyLock<Vec<u8>> = LazyLock::new(|| {
+    let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    let options =
+        zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    zip.start_file("x.npy", options).expect("an entry");
+    zip.write_all(&NPY).expect("its bytes");
+    zip.finish().expect("an archive").into_inner()
+});
+
+/// Reads a map as `bench` does.
+fn saved(path: &Path) {
+    let samples = [sample()];
+    if let Ok(saved) = SavedPredictions::open("x", path, Content::Pairs, &samples)
+        && let Ok(map) = saved.map("a/1")
+    {
+        assert_eq!(map.width * map.height, map.data.len());
+        assert!(map.data.iter().all(|value| value.is_finite()));
+    }
+}
+
 fn sample() -> Sample {
     let file = FileRef {
         path: "x".to_owned(),
@@ -47,7 +71,7 @@ fuzz_target!(|data: &[u8]| {
     let Some((which, data)) = data.split_first() else {
         return;
     };
-    match which % 4 {
+    match which % 6 {
         0 => {
             if let Ok(array) = npy::decode(&damage::damaged(&NPY, data)) {
                 assert_eq!(array.width * array.height, array.values.len());
@@ -61,13 +85,20 @@ fuzz_target!(|data: &[u8]| {
         2 => {
             let path = FOLDER.path().join("p.npy");
             std::fs::write(&path, damage::damaged(&NPY, data)).expect("written");
-            let samples = [sample()];
-            if let Ok(saved) = SavedPredictions::open("x", &path, Content::Pairs, &samples)
-                && let Ok(map) = saved.map("a/1")
-            {
-                assert_eq!(map.width * map.height, map.data.len());
-                assert!(map.data.iter().all(|value| value.is_finite()));
-            }
+            saved(&path);
+        }
+        3 => {
+            let path = FOLDER.path().join("p.npz");
+            std::fs::write(&path, damage::damaged(&NPZ, data)).expect("written");
+            saved(&path);
+        }
+        4 => {
+            let path = FOLDER.path().join("i.npy");
+            std::fs::write(&path, &*NPY).expect("written");
+            let ids = damage::damaged(b"a/1\n", data);
+            std::fs::write(FOLDER.path().join("i.ids.txt"), ids).expect("written");
+            std::fs::write(FOLDER.path().join("i.yaml"), DESCRIPTION).expect("written");
+            saved(&path);
         }
         _ => {
             let path = FOLDER.path().join("p.zip");

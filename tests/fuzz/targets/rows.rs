@@ -1,4 +1,4 @@
-//! Rows, leaderboards, and YAML of the user's own: protocols and descriptions.
+//! Rows, leaderboards, names of protocols, and YAML of the user's own: protocols and descriptions.
 #![no_main]
 
 mod damage;
@@ -6,12 +6,8 @@ mod damage;
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
-use strat_bench::{
-    model::Description,
-    protocol_file,
-    evaluate::predictions::SavedDescription,
-};
-use strat_metrics::{ImageScore, Metrics, Row, RowContext, leaderboard, rows};
+use strat_bench::{evaluate::predictions::SavedDescription, model::Description, protocol_file};
+use strat_metrics::{ImageScore, Metrics, Row, RowContext, leaderboard, protocol, rows};
 use strat_store::yaml;
 use tempfile::TempDir;
 
@@ -34,7 +30,9 @@ static ROWS: LazyLock<Vec<u8>> = LazyLock::new(|| {
         floored_pixels: 0,
         fit: None,
     };
-    let made: Vec<Row> = (0..3).map(|i| Row::new(&context, format!("a_drive_b/{i}"), score)).collect();
+    let made: Vec<Row> = (0..3)
+        .map(|i| Row::new(&context, format!("a_drive_b/{i}"), score))
+        .collect();
     let mut bytes = Vec::new();
     rows::write(&made, &mut bytes).expect("rows are written");
     bytes
@@ -57,7 +55,7 @@ fuzz_target!(|data: &[u8]| {
     let put = |valid: &str| {
         std::fs::write(&path, damage::damaged(valid.as_bytes(), data)).expect("written");
     };
-    match which % 5 {
+    match which % 6 {
         0 => {
             if let Ok(read) = rows::read(damage::damaged(&ROWS, data).as_slice()) {
                 let mut again = Vec::new();
@@ -78,6 +76,13 @@ fuzz_target!(|data: &[u8]| {
         3 => {
             put(DESCRIPTION);
             let _ = yaml::load::<Description>(&path);
+        }
+        4 => {
+            let name = String::from_utf8_lossy(data);
+            if let Some(rules) = protocol(&name) {
+                // Rows carry the canonical spelling.
+                assert_eq!(protocol(&rules.name), Some(rules));
+            }
         }
         _ => {
             put(SAVED);

@@ -51,7 +51,10 @@ fuzz_target!(|data: &[u8]| {
             let _ = yaml::load::<RunRecord>(&path);
         }
         4 => {
-            put(sprites::DESCRIPTION, &damage::damaged(SPRITES.as_bytes(), data));
+            put(
+                sprites::DESCRIPTION,
+                &damage::damaged(SPRITES.as_bytes(), data),
+            );
             put("car.png", data);
             let _ = sprites::read_folder(FOLDER.path());
         }
