@@ -21,11 +21,7 @@ struct Valid {
 }
 
 static VALID: LazyLock<Valid> = LazyLock::new(|| {
-    let settings = [
-        "network.width=1/32",
-        "discriminator.width=1/32",
-        "discriminator.patch=16",
-    ];
+    let settings = ["network.width=1/32", "discriminator.width=1/32"];
     let config = Config::resolve(
         "kitti-strat",
         Some(Preset::Tiny),
