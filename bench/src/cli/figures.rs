@@ -20,7 +20,7 @@ use crate::{
         record::TOOL_VERSION,
     },
     figures::{self, Choice, Drawn, FigureError, Figures, ModelRecord},
-    matching::{self, Matcher, discriminator::Discriminator},
+    matching::{self, Matcher, MatchingError, discriminator::Discriminator},
     model::{Model, leakage::Tested, vet::vet},
     notes::Notes,
     rows::compare,
@@ -135,11 +135,22 @@ impl From<FigureError> for CliError {
     fn from(error: FigureError) -> Self {
         match error {
             FigureError::Store(error) => error.into(),
-            FigureError::Plan(_)
-            | FigureError::NotRanked { .. }
-            | FigureError::OtherRules(_)
-            | FigureError::NoMatching { .. }
-            | FigureError::NoTruthAt { .. } => Self::usage(error),
+            FigureError::Plan(_) | FigureError::NotRanked { .. } | FigureError::OtherRules(_) => {
+                Self::usage(error)
+            }
+            error => Self::failed(error),
+        }
+    }
+}
+
+impl From<MatchingError> for CliError {
+    fn from(error: MatchingError) -> Self {
+        match error {
+            MatchingError::Store(error) => error.into(),
+            MatchingError::Figure(error) => error.into(),
+            MatchingError::NoMatching { .. } | MatchingError::NoTruthAt { .. } => {
+                Self::usage(error)
+            }
             error => Self::failed(error),
         }
     }

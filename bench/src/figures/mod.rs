@@ -36,7 +36,6 @@ use crate::{
         predictions::{SavedError, SavedPredictions},
         sample::load_image,
     },
-    matching::discriminator::DiscriminatorError,
     model::{self, Model, ModelError},
 };
 
@@ -69,38 +68,6 @@ pub enum FigureError {
         /// Why.
         source: DrawError,
     },
-    /// The table of matching costs cannot be formed.
-    #[error(transparent)]
-    Csv(#[from] strat_metrics::CsvError),
-    /// Nothing to match in an image.
-    #[error(
-        "image {image} has no right view or no ground truth from a camera's position, so there is nothing \
-         to match; sets of `prep kitti`, `prep eigen` and `prep synth` have both"
-    )]
-    NoMatching {
-        /// The image.
-        image: String,
-    },
-    /// A pixel without truth.
-    #[error(
-        "image {image} ({width}x{height}) has no true disparity within 8 pixels of ({x}, {y}) that a \
-         search could find"
-    )]
-    NoTruthAt {
-        /// The image.
-        image: String,
-        /// Column.
-        x: usize,
-        /// Row.
-        y: usize,
-        /// Columns of the image.
-        width: usize,
-        /// Rows of the image.
-        height: usize,
-    },
-    /// The discriminator cannot be used.
-    #[error(transparent)]
-    Discriminator(#[from] DiscriminatorError),
     /// The set has no tables.
     #[error("this set has no protocol of its own; give one with `--protocol`")]
     NoProtocol,

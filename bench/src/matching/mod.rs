@@ -18,16 +18,65 @@ use strat_store::{
 };
 
 use self::{
-    discriminator::Discriminator,
+    discriminator::{Discriminator, DiscriminatorError},
     survey::{Survey, View},
 };
-use crate::figures::{FigureError, write_sheets};
+use crate::{
+    evaluate::SampleError,
+    figures::{FigureError, write_sheets},
+};
 
 /// The table of how often the cheapest place is the true one.
 pub const TABLE: &str = "matching.csv";
 
 /// Where by texture pixels are chosen, as shares of all pixels with truth.
 const SHARES: [f64; 4] = [0.05, 0.35, 0.65, 0.95];
+
+/// Why there is no figure 3.2.
+#[derive(Debug, thiserror::Error)]
+pub enum MatchingError {
+    /// A table cannot be written.
+    #[error(transparent)]
+    Store(#[from] strat_store::Error),
+    /// A figure cannot be written.
+    #[error(transparent)]
+    Figure(#[from] FigureError),
+    /// An image cannot be used.
+    #[error(transparent)]
+    Sample(#[from] SampleError),
+    /// The discriminator cannot be used.
+    #[error(transparent)]
+    Discriminator(#[from] DiscriminatorError),
+    /// The table of matching costs cannot be formed.
+    #[error(transparent)]
+    Csv(#[from] strat_metrics::CsvError),
+    /// Nothing to match in an image.
+    #[error(
+        "image {image} has no right view or no ground truth from a camera's position, so there is nothing \
+         to match; sets of `prep kitti`, `prep eigen` and `prep synth` have both"
+    )]
+    NoMatching {
+        /// The image.
+        image: String,
+    },
+    /// A pixel without truth.
+    #[error(
+        "image {image} ({width}x{height}) has no true disparity within 8 pixels of ({x}, {y}) that a \
+         search could find"
+    )]
+    NoTruthAt {
+        /// The image.
+        image: String,
+        /// Column.
+        x: usize,
+        /// Row.
+        y: usize,
+        /// Columns of the image.
+        width: usize,
+        /// Rows of the image.
+        height: usize,
+    },
+}
 
 /// What was drawn and found.
 pub struct Matching {
@@ -66,12 +115,12 @@ impl Matcher<'_> {
         &self,
         out: &Path,
         mut judge: Option<&mut Discriminator>,
-    ) -> Result<Matching, FigureError> {
+    ) -> Result<Matching, MatchingError> {
         let Self { set, image, .. } = *self;
         let size = judge.as_deref().map(Discriminator::image_size);
         let view = View::open(set, image, size)?;
         let Some(view) = view.filter(|view| !view.truths.is_empty()) else {
-            return Err(FigureError::NoMatching {
+            return Err(MatchingError::NoMatching {
                 image: image.id.clone(),
             });
         };
@@ -79,7 +128,7 @@ impl Matcher<'_> {
         for &(x, y) in self.pixels {
             chosen.push(draw::nearest(&view, (x, y)).ok_or_else(|| {
                 let (width, height) = view.pair.size();
-                FigureError::NoTruthAt {
+                MatchingError::NoTruthAt {
                     image: image.id.clone(),
                     x,
                     y,

@@ -130,7 +130,7 @@ impl Page {
         let parts = parts.flat_map(|study| study.parts.iter().map(move |part| (study, part)));
         html! {
             @if !alone { h3 { (results.name()) } }
-            @if let Some(leakage) = &results.leakage { p { (leakage) "." } }
+            @if let Some(leakage) = &results.leakage { p { (capital(leakage)) "." } }
             @if !results.warnings.is_empty() {
                 (warning("What was warned about during the study:", &results.warnings))
             }
@@ -178,6 +178,14 @@ impl Page {
             }
         }
     }
+}
+
+/// The sentence with a capital letter.
+fn capital(text: &str) -> String {
+    let mut characters = text.chars();
+    characters.next().map_or_else(String::new, |first| {
+        first.to_uppercase().chain(characters).collect()
+    })
 }
 
 /// The variants under one protocol and every pair of them.
