@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 
-use strat_store::command::CliError;
+use strat_store::command::{CliError, DONE, eprint_line};
 
 use super::args::JobsArg;
 use crate::synth::{self, Options, Preset};
@@ -44,11 +44,19 @@ impl ValueEnum for Preset {
 }
 
 pub(super) fn synth(args: &SynthArgs) -> Result<u8, CliError> {
-    Ok(synth::run(&Options {
+    let code = synth::run(&Options {
         preset: args.preset,
         seed: args.seed,
         threads: args.jobs.threads(),
         quiet: args.quiet,
         out: args.out.clone(),
-    })?)
+    })?;
+    if code == DONE && !args.quiet {
+        eprint_line(format_args!(
+            "next: prep kitti --raw {world}/kitti_raw --stereo2015 {world}/kitti2015 --semantics {world}/kitti2015 \
+             --allow-missing --out sets/kitti, or prep eigen --raw {world}/kitti_raw --allow-missing --out sets/eigen",
+            world = args.out.display()
+        ));
+    }
+    Ok(code)
 }
