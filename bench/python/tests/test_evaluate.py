@@ -61,7 +61,7 @@ def test_further_metrics_are_those_of_numpy():
         assert found[name] == pytest.approx(value, rel=1e-6), name
     plain = strat.evaluate(predicted, truth, **words)
     assert plain["silog"] is None and plain["abs_rel"] == found["abs_rel"]
-    with pytest.raises(TypeError, match='no argument "metric"; there are focal_px'):
+    with pytest.raises(TypeError, match='unknown argument "metric"; known: focal_px'):
         strat.evaluate(predicted, truth, metric=True, **words)
 
 

@@ -79,5 +79,5 @@ def test_files_that_are_none(results, tmp_path):
         strat.read_rows(tmp_path / "no.csv")
     with pytest.raises(ValueError, match="at least one"):
         strat.read_rows()
-    with pytest.raises(ValueError, match="no format"):
+    with pytest.raises(ValueError, match="unknown format"):
         strat.table(strat.read_rows(results / "a" / "rows.csv"), format="html")

@@ -221,7 +221,7 @@ def test_runs_that_cannot_be(sets, eigen, tmp_path):
         (eigen, {"protocols": ["kitti2015"]}, ValueError, "stereo 2015 ground truth"),
         (eigen, {"protocols": ["eigen-80-pp"]}, ValueError, "mirrored images"),
         (eigen, {"protocols": "eigen-80"}, ValueError, "a list of names"),
-        (eigen, {"meaning": "metres"}, ValueError, "no meaning"),
+        (eigen, {"meaning": "metres"}, ValueError, "unknown meaning"),
         (eigen, {"scale": -1.0}, ValueError, "`scale` must be a positive number"),
         (eigen, {"protocols": []}, ValueError, "at least one protocol is needed"),
         (eigen, {"model": ""}, ValueError, "a model name that is not empty is needed"),
