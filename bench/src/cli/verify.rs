@@ -22,14 +22,14 @@ pub(super) fn run(args: &VerifyArgs) -> anyhow::Result<u8> {
         eprint_line(format_args!("error: {sentence}"));
     }
     print(format_args!(
-        "{}: {} measured lines follow from their rows to the last digit, {} published lines are those of \
-         the thesis\n",
+        "{} measured lines follow from their rows to the last digit, {} published lines are those of the \
+         thesis; {}\n",
+        outcome.good,
+        outcome.published,
         match outcome.bad.len() {
             1 => "1 mismatch".to_owned(),
             count => format!("{count} mismatches"),
-        },
-        outcome.good,
-        outcome.published
+        }
     ))?;
     Ok(if outcome.bad.is_empty() { DONE } else { FAILED })
 }

@@ -555,7 +555,7 @@ fn a_folder_is_drawn_again_from_its_rows() {
     }
     let out = world.text("out");
     let again = bench(&["cues", "--render", &out]);
-    again.code(0).says("drawn anew");
+    again.code(0).says("drawn again");
     assert_eq!(first.out, again.out);
     for (name, before) in files.iter().zip(before) {
         assert!(read(name) == before, "{name}");

@@ -96,7 +96,8 @@ fn a_published_line_is_verified_and_a_changed_one_found() {
     assert_eq!(fs::read(&board).unwrap(), both);
     let verified = bench(&["verify-leaderboard", &to, "--rows", &a, &b]);
     assert!(
-        verified.code(0).out.starts_with("2 measured lines"),
+        verified.code(0).out.starts_with("2 measured lines")
+            && verified.out.ends_with("; 0 mismatches\n"),
         "{}",
         verified.out
     );
