@@ -206,7 +206,7 @@ fn a_wrong_probe_or_image_stops_the_clock() {
     let ran = world.latency(SET, path.to_str().unwrap(), &[]);
     ran.code(1)
         .says("the trainer's own output")
-        .says("no latency.csv");
+        .says("latency.csv was not written");
     assert!(!world.path("out/latency.csv").exists());
 
     let image = first_file(&world.path("set/f"));
