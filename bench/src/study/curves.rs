@@ -511,6 +511,9 @@ mod tests {
         std::fs::write(runs[2].folder.join(VALIDATION), "step,abs_rel\n1,2\n").unwrap();
         runs.truncate(3);
         let problems = Curves::read(&runs).problems;
-        assert!(problems[0].contains("column `epoch` is missing"), "{problems:?}");
+        assert!(
+            problems[0].contains("column `epoch` is missing"),
+            "{problems:?}"
+        );
     }
 }
