@@ -249,7 +249,7 @@ mod tests {
             ("name: a\nbase: eigen-80\ncropp: none\n", "cropp"),
             ("name: eigen-50\nbase: eigen-80\n", "built-in"),
             ("name: eigen-80-pp\nbase: eigen-80\n", "built-in"),
-            ("name: a\nbase: eigen-81\n", "no protocol \"eigen-81\""),
+            ("name: a\nbase: eigen-81\n", "unknown protocol \"eigen-81\""),
             ("name: a\ncrop: none\n", "`ground_truth` is missing"),
             (
                 "name: a\nbase: eigen-80\nmin_depth_m: 90\n",

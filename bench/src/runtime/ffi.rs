@@ -277,7 +277,9 @@ mod tests {
         assert!(driver(13_000, 2).has(1).is_ok());
         let beyond = driver(13_000, 2).has(2).unwrap_err();
         assert!(
-            beyond.to_string().contains("no NVIDIA device 2"),
+            beyond
+                .to_string()
+                .contains("NVIDIA device 2 does not exist"),
             "{beyond}"
         );
         let dead = judge_driver(999, 999, driver(0, 0)).unwrap_err();

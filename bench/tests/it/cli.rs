@@ -243,7 +243,7 @@ fn the_median_baseline_can_come_from_another_set() {
     world
         .bench("3.1", "none", &more)
         .code(1)
-        .says("no such folder");
+        .says("folder not found");
     let constant = format!("constant={from}");
     let more = ["--median-baseline", "--median-baseline-from", &constant];
     world.bench("3.1", "none", &more).code(2).says("NAME=DIR");
