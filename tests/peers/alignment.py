@@ -120,7 +120,7 @@ class Bench:
         (self.maps / "predictions.yaml").write_text(f"meaning: {meaning}\n")
         out = self.folder / "out"
         run(self.binary, "--table", table, "--data", self.folder / "set", "--predictions", f"m={self.maps}",
-            "--out", out, "--jobs", 2, "--quiet", *words)
+            "--out", out, "--force", "--jobs", 2, "--quiet", *words)
         self.rows = list(csv.DictReader((out / "rows.csv").open()))
         return yaml.safe_load((out / "run.yaml").read_text())["models"][0]["seconds"]
 

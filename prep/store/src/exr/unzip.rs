@@ -70,7 +70,7 @@ fn interleaved(bytes: &[u8]) -> Vec<f32> {
     let value =
         |(even, odd): (&[u8; 2], &[u8; 2])| f32::from_le_bytes([even[0], odd[0], even[1], odd[1]]);
     let mut values = Vec::with_capacity(bytes.len() / 4);
-    pulp::Arch::new().dispatch(|| values.extend(pairs.map(value)));
+    values.extend(pairs.map(value));
     values
 }
 

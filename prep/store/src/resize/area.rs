@@ -110,26 +110,69 @@ pub fn rgb(image: &RgbImage, width: u32, height: u32) -> RgbImage {
     let few = fixed_weights(&columns);
     // Compiled for the vector units of this machine. The order of additions is that of the code, so
     // the bytes are the same on all of them.
-    pulp::Arch::new().dispatch(|| match &few {
-        Some(columns) => narrow_rows(image, width, height, |values, narrowed| {
-            narrow_row_by_few(values, columns, narrowed);
-        }),
-        None => narrow_rows(image, width, height, |values, narrowed| {
-            narrow_row(values, &columns, narrowed);
-        }),
+    pulp::Arch::new().dispatch(Shrink {
+        image,
+        size: (width, height),
+        columns: &columns,
+        few: few.as_deref(),
     })
+}
+
+/// The work of [`rgb`]. Not a closure: what is compiled for vector units is what is inlined where they are
+/// known, and a closure cannot be told to be.
+struct Shrink<'a> {
+    image: &'a RgbImage,
+    size: (u32, u32),
+    columns: &'a [(usize, Vec<f32>)],
+    few: Option<&'a [(usize, [f32; FEW])]>,
+}
+
+impl pulp::NullaryFnOnce for Shrink<'_> {
+    type Output = RgbImage;
+
+    #[inline(always)]
+    fn call(self) -> RgbImage {
+        let Self {
+            image,
+            size: (width, height),
+            columns,
+            few,
+        } = self;
+        match few {
+            Some(columns) => narrow_rows(image, width, height, ByFew(columns)),
+            None => narrow_rows(image, width, height, ByAny(columns)),
+        }
+    }
+}
+
+/// How a row becomes as narrow as the target: three numbers a pixel in both.
+trait Narrow {
+    fn narrow(&self, values: &[f32], narrowed: &mut [f32]);
+}
+
+struct ByFew<'a>(&'a [(usize, [f32; FEW])]);
+
+impl Narrow for ByFew<'_> {
+    #[inline(always)]
+    fn narrow(&self, values: &[f32], narrowed: &mut [f32]) {
+        narrow_row_by_few(values, self.0, narrowed);
+    }
+}
+
+struct ByAny<'a>(&'a [(usize, Vec<f32>)]);
+
+impl Narrow for ByAny<'_> {
+    #[inline(always)]
+    fn narrow(&self, values: &[f32], narrowed: &mut [f32]) {
+        narrow_row(values, self.0, narrowed);
+    }
 }
 
 /// Area means of rows that `narrow` has made of the source's rows; both are given one number more
 /// than there are, and the source's also what [`FEW`] weights may ask for: pixels are read and written
 /// four lanes at a time.
 #[inline(always)]
-fn narrow_rows(
-    image: &RgbImage,
-    width: u32,
-    height: u32,
-    narrow: impl Fn(&[f32], &mut [f32]),
-) -> RgbImage {
+fn narrow_rows(image: &RgbImage, width: u32, height: u32, by: impl Narrow) -> RgbImage {
     let (target_width, target_height) = (width as usize, height as usize);
     let rows = opencv_area_cells(image.height() as usize, target_height);
     let stride = 3 * image.width() as usize;
@@ -148,7 +191,7 @@ fn narrow_rows(
                     .iter_mut()
                     .zip(line)
                     .for_each(|(value, byte)| *value = f32::from(*byte));
-                narrow(&values, &mut narrowed);
+                by.narrow(&values, &mut narrowed);
                 narrowed_row = Some(row);
             }
             sums.iter_mut()
@@ -293,9 +336,7 @@ mod tests {
         for width in [512, 415, 1000, 1241] {
             let columns = opencv_area_cells(1242, width as usize);
             assert!(fixed_weights(&columns).is_some(), "{width}");
-            let many = narrow_rows(&image, width, 4, |values, narrowed| {
-                narrow_row(values, &columns, narrowed);
-            });
+            let many = narrow_rows(&image, width, 4, ByAny(&columns));
             assert!(rgb(&image, width, 4) == many, "{width}");
         }
         assert!(fixed_weights(&opencv_area_cells(1242, 200)).is_none());
