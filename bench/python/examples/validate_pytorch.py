@@ -57,7 +57,7 @@ def main(data, epochs=5):
     torch.manual_seed(0)
     net = network()
     optimizer = torch.optim.Adam(net.parameters(), 3e-4)
-    pairs = strat.PreparedSet(data).train
+    pairs = strat.PreparedSet(data).train.only("left", "right")
     loader = DataLoader(pairs, batch_size=8, shuffle=True, num_workers=2)
     for epoch in range(epochs + 1):
         for batch in loader if epoch else []:

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use numpy::Element;
-use pyo3::exceptions::PyIndexError;
+use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use strat_bench::evaluate::sample::{SampleError, checked_bytes};
@@ -53,17 +53,23 @@ impl Set {
             .collect()
     }
 
-    /// One sample with everything that the set has of it.
+    /// One sample with everything that the set has of it, or with what `only` names; no other file is read.
+    #[pyo3(signature = (role, index, only=None))]
     fn sample<'py>(
         &self,
         py: Python<'py>,
         role: &str,
         index: usize,
+        only: Option<Vec<String>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let sample = self
             .of(role)
             .get(index)
             .ok_or_else(|| PyIndexError::new_err(format!("no sample {index}")))?;
+        let is_wanted = |name: &str| match &only {
+            Some(names) => names.iter().any(|own| own == name),
+            None => true,
+        };
         let item = PyDict::new(py);
         item.set_item("id", &sample.id)?;
         item.set_item("drive", sample.id.split_once('/').map(|(drive, _)| drive))?;
@@ -76,33 +82,49 @@ impl Set {
             ("right", sample.right.as_ref()),
             ("image", sample.left_full.as_ref()),
         ] {
-            if let Some(file) = file {
+            if let Some(file) = file.filter(|_| is_wanted(name)) {
                 let image =
                     self.read(py, file, |bytes| image_files::decode_rgb(bytes, &file.path))?;
                 item.set_item(name, of_image(py, image)?)?;
             }
         }
         for kind in DepthKind::ALL {
-            if let Some(file) = kind.of(sample) {
+            let name = format!("depth_{}", kind.as_str());
+            if let Some(file) = kind.of(sample).filter(|_| is_wanted(&name)) {
                 let path = self.set.path(file);
                 let (depth, _) = self.read(py, file, |bytes| exr::decode_depth(bytes, &path))?;
                 let map = of_values(py, [depth.height, depth.width], depth.data)?;
-                item.set_item(format!("depth_{}", kind.as_str()), map)?;
+                item.set_item(name, map)?;
             }
         }
-        if let Some(file) = &sample.semantic {
+        if let Some(file) = sample.semantic.as_ref().filter(|_| is_wanted("semantic")) {
             let map = self.read(py, file, |bytes| {
                 image_files::decode_gray8(bytes, &file.path)
             })?;
             item.set_item("semantic", labels(py, map)?)?;
         }
-        if let Some(file) = &sample.instance {
+        if let Some(file) = sample.instance.as_ref().filter(|_| is_wanted("instance")) {
             let map = self.read(py, file, |bytes| {
                 image_files::decode_gray16(bytes, &file.path)
             })?;
             item.set_item("instance", labels(py, map)?)?;
         }
-        Ok(item)
+        let Some(names) = only else {
+            return Ok(item);
+        };
+        let named = PyDict::new(py);
+        for name in names {
+            let Some(value) = item.get_item(&name)? else {
+                let known: Vec<String> = item.keys().extract()?;
+                return Err(PyValueError::new_err(format!(
+                    "sample {} has no \"{name}\"; what was asked for and is there: {}",
+                    sample.id,
+                    known.join(", ")
+                )));
+            };
+            named.set_item(name, value)?;
+        }
+        Ok(named)
     }
 }
 

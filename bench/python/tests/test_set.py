@@ -31,6 +31,20 @@ def test_ground_truth_and_labels_come_with_the_images(sets):
     assert stereo["semantic"].dtype == np.uint8
 
 
+def test_samples_of_named_keys_read_nothing_else(eigen, tmp_path):
+    import shutil
+
+    copy = tmp_path / "copy"
+    shutil.copytree(eigen, copy)
+    shutil.rmtree(copy / "depth")
+    views = pickle.loads(pickle.dumps(strat.PreparedSet(copy).test.only("left", "focal_px")))
+    whole = strat.PreparedSet(eigen).test
+    assert views.ids == whole.ids and list(views[0]) == ["left", "focal_px"]
+    assert np.array_equal(views[0]["left"], whole[0]["left"])
+    with pytest.raises(ValueError, match='has no "depth_noc"; what was asked for and is there: .*left'):
+        whole.only("left", "depth_noc")[0]
+
+
 def first(samples):
     return samples[0]["left"].sum()
 

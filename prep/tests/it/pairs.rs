@@ -338,7 +338,7 @@ fn wrong_lists_and_folders_are_refused_before_anything_is_written() {
         ("left,right,focal_px\n", "`baseline_m` is missing"),
         (
             "left,right,focal_px,baseline_m,depht\n",
-            "no column `depht`",
+            "unknown column `depht`",
         ),
         ("left,right,focal_px,baseline_m\n", "no rows"),
         (

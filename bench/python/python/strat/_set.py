@@ -23,14 +23,27 @@ class Samples:
     :raises ValueError: a file is not the one that was prepared.
     """
 
-    def __init__(self, root: str, role: str, opened: _strat.Set | None = None) -> None:
+    def __init__(
+        self, root: str, role: str, opened: _strat.Set | None = None, names: tuple[str, ...] | None = None
+    ) -> None:
         self._root = root
         self._role = role
         self._set = _strat.Set(root) if opened is None else opened
         self._ids = self._set.ids(role)
+        self._names = names
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return (Samples, (self._root, self._role))
+        return (Samples, (self._root, self._role, None, self._names))
+
+    def only(self, *names: str) -> Samples:
+        """The same samples with these keys alone, e.g. ``train.only("left", "right")``; no other file is read.
+
+        Untouched images and their depth differ in size from drive to drive, so a ``DataLoader`` makes
+        batches of what has the network's size only.
+
+        :raises ValueError: when a sample is taken that has no such key.
+        """
+        return Samples(self._root, self._role, self._set, names)
 
     @property
     def ids(self) -> list[str]:
@@ -42,7 +55,7 @@ class Samples:
 
     def __getitem__(self, index: int) -> dict[str, Any]:
         at = range(len(self._ids))[index]
-        return self._set.sample(self._role, at)
+        return self._set.sample(self._role, at, None if self._names is None else list(self._names))
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         return (self[index] for index in range(len(self)))

@@ -115,7 +115,7 @@ impl Columns {
                 .find(|known| **known == name);
             let Some(known) = known else {
                 return Err(format!(
-                    "line 1: column `{name}` is missing; the columns are {} and, if wanted, {}, separated \
+                    "line 1: unknown column `{name}`; the columns are {} and, if wanted, {}, separated \
                      by commas",
                     REQUIRED.join(", "),
                     OPTIONAL.join(", ")
@@ -371,7 +371,7 @@ mod tests {
             ("left,right,focal_px\n", "`baseline_m` is missing"),
             (
                 "left,right,focal_px,baseline_m,colour\n",
-                "no column `colour`",
+                "unknown column `colour`",
             ),
             ("left;right;focal_px;baseline_m\n", "separated by commas"),
             (
