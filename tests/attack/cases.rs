@@ -250,7 +250,8 @@ pub fn unharmed(
 fn grows(name: &Path) -> bool {
     let text = name.to_string_lossy();
     text.contains("unfinished-") || text.contains(".partial-") || text.ends_with("scalars.csv")
-        || text.ends_with("validation.csv") || text.ends_with("failures.csv")
+        || text.ends_with("validation.csv") || text.ends_with("diagnostics.csv")
+        || text.ends_with("failures.csv")
         // They say which of the images were drawn, or that some failed.
         || text.ends_with("pictures.csv") || text.ends_with("predict.yaml")
 }
@@ -277,7 +278,8 @@ pub fn results(stage: &Stage) -> BTreeMap<PathBuf, Vec<u8>> {
             *bytes = what_was_timed(bytes);
         }
         !text.ends_with("checksums.b3")
-            && !text.starts_with("tensorboard")
+            // Named by the second in which it was begun.
+            && !text.contains("tensorboard/")
             && !text.ends_with(".lock")
     });
     found

@@ -130,7 +130,9 @@ pub fn campaign(
     seed: u64,
     count: u64,
 ) -> impl Iterator<Item = (&'static str, Tally)> {
-    let kinds = stages.iter().map(kinds).next_back().unwrap_or_default();
+    // Each stage makes the files that are mutated there.
+    let mut kinds: Vec<Vec<Kind>> = stages.iter().map(kinds).collect();
+    let kinds = kinds.pop().unwrap_or_default();
     let kinds = kinds.into_iter().filter(move |kind| chosen.has(kind.name));
     kinds.map(move |kind| (kind.name, attack(stages, &kind, seed, count)))
 }
