@@ -11,7 +11,7 @@ use strat_onnx::embedded::{EmbeddedError, EmbeddedSession};
 use strat_onnx::graph::{Geometry, GraphBuilder, GraphError, Value};
 use strat_onnx::metadata::{DiscriminatorMetadata, probe_image};
 
-use super::{RANDOM_PICTURES, filter, largest_difference, random_pictures};
+use super::{RANDOM_PICTURES, filter, largest_of_runs, random_pictures};
 use crate::kernels::activation::LEAK;
 use crate::network::discriminator::{Discriminator, Layers, SMALLEST_PATCH};
 use crate::network::layers::{Convolution, InstanceNorm, values_of};
@@ -85,13 +85,12 @@ pub fn export(
     let session =
         EmbeddedSession::from_bytes(model_bytes(&discriminator, &metadata)?, &name, None)?;
     let of_random = compute(&discriminator, &random, [RANDOM_PICTURES, patch]);
-    let mut parity = 0.0_f64;
-    for (pictures, batch, expected) in [(&probe, 1, logits), (&random, RANDOM_PICTURES, of_random)]
-    {
-        let outputs = session.run(INPUT, &[batch, 3, patch, patch], pictures)?;
-        let found = outputs.first().map_or(&[][..], |(_, _, values)| values);
-        parity = parity.max(largest_difference(found, &expected));
-    }
+    let parity = largest_of_runs(
+        &session,
+        INPUT,
+        [patch, patch],
+        [(&probe, 1, &logits), (&random, RANDOM_PICTURES, &of_random)],
+    )?;
     if parity.is_nan() || parity > TOLERANCE {
         return Err(DiscriminatorError::Parity {
             difference: parity,

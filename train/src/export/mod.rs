@@ -139,17 +139,33 @@ fn compare(
     let random = random_pictures(3 * RANDOM_PICTURES * (width * height) as usize);
     let random_shape = [RANDOM_PICTURES, height as usize, width as usize];
     let expected_random = compute(generator, random.clone(), random_shape);
-    let mut parity = 0.0_f64;
-    for (pictures, batch, expected) in [
-        (picture, 1, expected),
-        (random, RANDOM_PICTURES, expected_random),
-    ] {
-        let shape = [batch, 3, height as usize, width as usize];
-        let outputs = session.run(INPUT, &shape, &pictures)?;
-        let found = outputs.first().map_or(&[][..], |(_, _, values)| values);
-        parity = parity.max(largest_difference(found, &expected));
-    }
+    let parity = largest_of_runs(
+        &session,
+        INPUT,
+        [height as usize, width as usize],
+        [
+            (&picture, 1, &expected),
+            (&random, RANDOM_PICTURES, &expected_random),
+        ],
+    )?;
     Ok((metadata, parity))
+}
+
+/// The largest difference between what the session makes of pictures, so many of `[height, width]` at a
+/// time, and what is expected of them.
+fn largest_of_runs(
+    session: &EmbeddedSession,
+    input: &str,
+    [height, width]: [usize; 2],
+    runs: [(&[f32], usize, &[f32]); 2],
+) -> Result<f64, EmbeddedError> {
+    let mut largest = 0.0_f64;
+    for (pictures, batch, expected) in runs {
+        let outputs = session.run(input, &[batch, 3, height, width], pictures)?;
+        let found = outputs.first().map_or(&[][..], |(_, _, values)| values);
+        largest = largest.max(largest_difference(found, expected));
+    }
+    Ok(largest)
 }
 
 const INPUT: &str = "image";
