@@ -216,7 +216,7 @@ impl Board {
                 .iter()
                 .any(|other| other.digest == data.digest)
             {
-                return Some(format!("data: {:.12} stands there twice", data.digest));
+                return Some(format!("data: {:.12} is listed twice", data.digest));
             }
         }
         None

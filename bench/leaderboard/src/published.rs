@@ -213,7 +213,7 @@ pub fn read(folder: &Path) -> Result<(Vec<Published>, Vec<Problem>), BoardError>
                         tell(problem);
                     } else if rows.iter().any(|other| key(other) == key(&one)) {
                         tell(format!(
-                            "{} stands there twice under {}",
+                            "{} is listed twice under {}",
                             one.method, one.protocol
                         ));
                     } else {

@@ -28,7 +28,7 @@ pub enum CsvError {
     },
     /// A column that should not be there.
     #[error(
-        "line 1 has the column {column:?}, which is unknown or there twice; the columns are {expected}"
+        "line 1 has the column {column:?}, which is unknown or occurs twice; the columns are {expected}"
     )]
     UnknownColumn {
         /// Its name.

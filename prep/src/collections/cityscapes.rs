@@ -115,7 +115,7 @@ fn look_through(root: &Path) -> Result<Frames<Files>> {
         *expected.entry(frame.role).or_default() += 1;
         if let Some(other) = seen.insert(&*frame.id, &frame.input.left) {
             return Err(wrong(format!(
-                "the frame {} is there twice, as {} and {}; remove one",
+                "the frame {} occurs twice, as {} and {}; remove one",
                 frame.id, other, frame.input.left
             )));
         }

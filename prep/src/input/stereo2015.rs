@@ -21,7 +21,7 @@ pub enum Kind {
     Semantics,
 }
 
-/// A `training` folder of numbered scenes, on disk or in archives. What is there twice is taken
+/// A `training` folder of numbered scenes, on disk or in archives. What occurs twice is taken
 /// from the folder.
 #[derive(Debug)]
 pub struct SceneFolder {

@@ -145,7 +145,7 @@ fn compare(study: &Study, before: &Record, out: &Path) -> Result<()> {
         match study.sets.iter().find(|s| s.content.as_str() == set.split) {
             None => {
                 return refuse(format!(
-                    "it has the {} split, which is not asked for now",
+                    "it has the {} split, which the study file no longer names",
                     set.split
                 ));
             }
@@ -160,14 +160,14 @@ fn compare(study: &Study, before: &Record, out: &Path) -> Result<()> {
     }
     if let Some(seed) = before.seeds.iter().find(|s| !study.file.seeds.contains(s)) {
         return refuse(format!(
-            "it has the seed {seed}, which is not asked for now"
+            "it has the seed {seed}, which the study file no longer names"
         ));
     }
     let first = |name: &str| -> Option<&StudyRun> { study.runs.iter().find(|r| r.variant == name) };
     for VariantRecord { name, config } in &before.variants {
         let Some(run) = first(name) else {
             return refuse(format!(
-                "it has the variant `{name}`, which is not asked for now"
+                "it has the variant `{name}`, which the study file no longer names"
             ));
         };
         // Which seed and which set comes first may change while all stay.

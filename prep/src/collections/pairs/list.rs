@@ -122,7 +122,7 @@ impl Columns {
                 ));
             };
             if columns.insert(*known, at).is_some() {
-                return Err(format!("line 1: the column `{known}` is there twice"));
+                return Err(format!("line 1: the column `{known}` occurs twice"));
             }
         }
         let is_of_pairs = columns.contains_key("right");
@@ -195,7 +195,7 @@ pub fn parse(bytes: &[u8], shares: Shares) -> Result<Table, String> {
         match parse_row(&record, header.len(), &columns, shares, &mut bad) {
             Ok(row) if seen.insert(row.id.clone()) => table.rows.push(row),
             Ok(row) => {
-                bad.problem = format!("the id `{}` is there twice", row.id);
+                bad.problem = format!("the id `{}` occurs twice", row.id);
                 table.bad.push(bad);
             }
             Err(problem) => {
@@ -376,7 +376,7 @@ mod tests {
             ("left;right;focal_px;baseline_m\n", "separated by commas"),
             (
                 "left,left,right,focal_px,baseline_m\n",
-                "`left` is there twice",
+                "`left` occurs twice",
             ),
             (
                 "left,right,focal_px,baseline_m,depth,disparity\n",
@@ -418,7 +418,7 @@ mod tests {
         assert_eq!(table.rows.len(), 1);
         let reasons = [
             (2, "`focal_px` should be a positive number, but is `wide`"),
-            (4, "the id `b` is there twice"),
+            (4, "the id `b` occurs twice"),
             (5, "can only be tested on; `split` is val"),
             (6, "`baseline_m` should be"),
             (7, "`split` should be train, val or test, but is `dev`"),

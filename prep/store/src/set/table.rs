@@ -77,7 +77,7 @@ pub(super) fn parse_table(path: &Path, bytes: &[u8]) -> Result<Vec<Sample>> {
         let line = record.position().map_or(0, strat_csv::Position::line);
         let sample = parse_row(&record).map_err(|problem| bad(line, problem))?;
         if !ids.insert(sample.id.clone()) {
-            return Err(bad(line, format!("the id `{}` is there twice", sample.id)));
+            return Err(bad(line, format!("the id `{}` occurs twice", sample.id)));
         }
         samples.push(sample);
     }
@@ -185,7 +185,7 @@ mod tests {
                 "path inside the set",
             ),
             (good.replacen("a/2,1242", "a/2", 1), 3, "fields"),
-            (good.replacen("a/2,", "a/1,", 1), 3, "`a/1` is there twice"),
+            (good.replacen("a/2,", "a/1,", 1), 3, "`a/1` occurs twice"),
             (good.replacen("a/2,", "../../a,", 1), 3, "not a usable id"),
             (good.replacen("a/2,", "\"a\nb\",", 1), 3, "not a usable id"),
             (good.replacen("a/2,", "a\0b,", 1), 3, "not a usable id"),
