@@ -6,6 +6,9 @@
 
 use crate::metrics::{FurtherMetrics, Metrics};
 
+/// Pixels that are worked on together: few enough to stay in the processor's nearest memory.
+pub(crate) const AT_A_TIME: usize = 256;
+
 /// What the metrics sum up of one pixel: functions of its two depths alone, each of them costly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Terms {
@@ -24,7 +27,6 @@ pub(crate) struct Terms {
 }
 
 impl Terms {
-    #[inline]
     pub(crate) fn new(truth_m: f64, predicted_m: f64) -> Self {
         Self::with_logarithm(truth_m, predicted_m, truth_m.ln())
     }
@@ -41,20 +43,76 @@ impl Terms {
         }
     }
 
-    #[inline]
     fn with_logarithm(g: f64, p: f64, ln_truth: f64) -> Self {
-        let error = g - p;
         Self {
             truth_m: g,
             predicted_m: p,
             ln_truth,
             ln_predicted: p.ln(),
-            abs_rel: error.abs() / g,
-            sq_rel: error * error / g,
-            // The other one is at most 1.
-            ratio: g.max(p) / g.min(p),
+            abs_rel: abs_rel(g, p),
+            sq_rel: sq_rel(g, p),
+            ratio: ratio(g, p),
         }
     }
+
+    /// Adds the terms of pixels, of which there are at most [`AT_A_TIME`], to a list; of quotients the
+    /// processor works out several at once.
+    ///
+    /// # Panics
+    /// If there are more.
+    pub(crate) fn extend(list: &mut Vec<Self>, truth_m: &[f64], predicted_m: &[f64]) {
+        let mut columns = [[0.0; AT_A_TIME]; 3];
+        let [abs_rels, sq_rels, ratios] = &mut columns;
+        of_each(abs_rels, truth_m, predicted_m, abs_rel);
+        of_each(sq_rels, truth_m, predicted_m, sq_rel);
+        of_each(ratios, truth_m, predicted_m, ratio);
+        let depths = truth_m.iter().zip(predicted_m);
+        let quotients = abs_rels.iter().zip(sq_rels.iter()).zip(ratios.iter());
+        list.extend(
+            depths
+                .zip(quotients)
+                .map(|((&g, &p), ((&abs_rel, &sq_rel), &ratio))| Self {
+                    truth_m: g,
+                    predicted_m: p,
+                    ln_truth: g.ln(),
+                    ln_predicted: p.ln(),
+                    abs_rel,
+                    sq_rel,
+                    ratio,
+                }),
+        );
+    }
+}
+
+/// A function of two depths at each of some pixels.
+#[inline]
+fn of_each(
+    found: &mut [f64; AT_A_TIME],
+    truth_m: &[f64],
+    predicted_m: &[f64],
+    term: impl Fn(f64, f64) -> f64,
+) {
+    let found = &mut found[..truth_m.len()];
+    for ((found, &g), &p) in found.iter_mut().zip(truth_m).zip(predicted_m) {
+        *found = term(g, p);
+    }
+}
+
+#[inline]
+fn abs_rel(g: f64, p: f64) -> f64 {
+    (g - p).abs() / g
+}
+
+#[inline]
+fn sq_rel(g: f64, p: f64) -> f64 {
+    (g - p) * (g - p) / g
+}
+
+/// The other quotient is at most 1.
+#[inline]
+fn ratio(g: f64, p: f64) -> f64 {
+    let (most, least) = if g > p { (g, p) } else { (p, g) };
+    most / least
 }
 
 /// Sums over pixels.
@@ -75,6 +133,15 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
+    /// Adds pixels one after the other, whose sums stay in the processor's registers meanwhile.
+    pub(crate) fn add_all<const FURTHER: bool>(&mut self, terms: &[Terms], strict: bool) {
+        let mut sums = *self;
+        for terms in terms {
+            sums.add::<FURTHER>(terms, strict);
+        }
+        *self = sums;
+    }
+
     /// Adds a pixel; what the further metrics need only if `FURTHER`. With `strict`, a ratio equal to a
     /// threshold lies outside it.
     #[inline]
@@ -86,12 +153,18 @@ impl Tally {
         self.sq_rel += terms.sq_rel;
         self.squared += error * error;
         self.squared_log += log_error * log_error;
-        for (hits, threshold) in self
-            .within
-            .iter_mut()
-            .zip([1.25, 1.25 * 1.25, 1.25 * 1.25 * 1.25])
+        for (hits, threshold) in
+            self.within
+                .iter_mut()
+                .zip([1.25_f64, 1.25 * 1.25, 1.25 * 1.25 * 1.25])
         {
-            *hits += u64::from(terms.ratio < threshold || (!strict && terms.ratio == threshold));
+            // Below the next number lies the threshold itself as well.
+            let limit = if strict {
+                threshold
+            } else {
+                threshold.next_up()
+            };
+            *hits += u64::from(terms.ratio < limit);
         }
         if FURTHER {
             self.log += log_error;

@@ -2,6 +2,8 @@
 //!
 //! Not here: what is made of the pixels ([`super::score`](mod@super::score)).
 
+use std::ops::Range;
+
 use super::error::EvaluateError;
 use super::prediction::Prediction;
 use super::truth::{GroundTruth, check_size, first_unusable};
@@ -36,8 +38,10 @@ pub(super) struct Scene<'a> {
     /// Limits as the reference sees them beside single-precision depth.
     pub(super) min_depth_m: f32,
     pub(super) max_depth_m: f32,
+    /// The nearest and the farthest true depth that counts.
+    counted_m: [f64; 2],
     /// Where a prediction is looked at: KITTI's benchmark crop.
-    shown: Option<CropBox>,
+    pub(super) shown: Option<CropBox>,
     /// What is scored.
     pub(super) crop: CropBox,
 }
@@ -131,6 +135,7 @@ impl<'a> Scene<'a> {
             focal_baseline,
             min_depth_m,
             max_depth_m,
+            counted_m: counted_m(protocol),
             shown,
             crop,
         };
@@ -277,27 +282,54 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// True depth in metres of a measured pixel; `None` where there is none or the protocol masks it.
-    #[inline]
-    pub(super) fn truth_m(&self, place: usize) -> Option<f64> {
+    /// Lists the measured pixels among some places that the protocol does not mask, with their true depth in
+    /// metres.
+    pub(super) fn list(&self, some: Range<usize>, places: &mut Vec<u32>, truth_m: &mut Vec<f64>) {
         let (measured, is_disparity) = self.measured_values();
-        let measured = f64::from(measured[place]);
-        if measured == 0.0 {
-            return None;
+        let measured = &measured[some.clone()];
+        match is_disparity {
+            true => {
+                let depth_m = |disparity_px| self.focal_baseline / disparity_px;
+                self.list_depths(some.start, measured, depth_m, places, truth_m);
+            }
+            false => self.list_depths(some.start, measured, |depth_m| depth_m, places, truth_m),
         }
-        let truth_m = if is_disparity {
-            self.focal_baseline / measured
-        } else {
-            measured
-        };
-        let (min, max) = (f64::from(self.min_depth_m), f64::from(self.max_depth_m));
-        let counts = if !self.protocol.mask_ground_truth {
-            truth_m > 0.0
-        } else if self.protocol.strict_comparisons {
-            truth_m > min && truth_m < max
-        } else {
-            truth_m >= min && truth_m <= max
-        };
-        counts.then_some(truth_m)
+    }
+
+    /// Which pixels count is as good as chance to the processor, so each is written down and the next one
+    /// written over those that do not.
+    fn list_depths(
+        &self,
+        start: usize,
+        measured: &[f32],
+        depth_m: impl Fn(f64) -> f64,
+        places: &mut Vec<u32>,
+        truth_m: &mut Vec<f64>,
+    ) {
+        let [nearest_m, farthest_m] = self.counted_m;
+        let mut count = places.len();
+        places.resize(count + measured.len(), 0);
+        truth_m.resize(count + measured.len(), 0.0);
+        for (place, value) in (start as u32..).zip(measured) {
+            let depth_m = depth_m(f64::from(*value));
+            places[count] = place;
+            truth_m[count] = depth_m;
+            let counts = (*value != 0.0) & (depth_m >= nearest_m) & (depth_m <= farthest_m);
+            count += usize::from(counts);
+        }
+        places.truncate(count);
+        truth_m.truncate(count);
+    }
+}
+
+/// The nearest and the farthest true depth that counts.
+fn counted_m(protocol: &Protocol) -> [f64; 2] {
+    // As the reference sees them beside depth of single precision.
+    let [min, max] =
+        [protocol.min_depth_m, protocol.max_depth_m].map(|limit| f64::from(limit as f32));
+    match (protocol.mask_ground_truth, protocol.strict_comparisons) {
+        (false, _) => [0.0_f64.next_up(), f64::INFINITY],
+        (true, true) => [min.next_up(), max.next_down()],
+        (true, false) => [min, max],
     }
 }

@@ -1,5 +1,7 @@
 //! A protocol applied to one image: choose the pixels, align, clip, measure.
 
+use std::ops::Range;
+
 use super::alignment::{Aligned, Fit};
 use super::error::EvaluateError;
 use super::prediction::Prediction;
@@ -8,6 +10,7 @@ use super::scratch::{Finder, Scratch};
 use super::tallies::{GroupTally, Tallies};
 use crate::metrics::{FurtherMetrics, Metrics};
 use crate::protocol::{Alignment, Group, Grouping, LogBase};
+use crate::sums::AT_A_TIME;
 
 /// Score of one image, or of one group of pixels in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,7 +66,7 @@ pub struct ComparedPixel {
 /// Scores with the pixels behind them.
 pub(super) struct Scored {
     pub(super) scores: Vec<ImageScore>,
-    pixels: Vec<Pixel>,
+    pixels: Pixels,
     aligned: Aligned,
 }
 
@@ -71,12 +74,15 @@ impl Scored {
     /// The scores, and what was compared, of a prediction for all pixels.
     pub(super) fn with_pixels(self, scene: &Scene<'_>) -> (Vec<ImageScore>, Compared) {
         let is_grouped = scene.protocol.grouping != Grouping::None;
-        let of_pixel = |pixel: &Pixel| ComparedPixel {
-            index: scene.truth.measured[pixel.place as usize] as usize,
-            truth_m: pixel.truth_m,
-            predicted_m: scene.scored_m(pixel.value, self.aligned),
+        let of_pixel = |at: usize| ComparedPixel {
+            index: scene.truth.measured[self.pixels.places[at] as usize] as usize,
+            truth_m: self.pixels.truth_m[at],
+            predicted_m: scene.scored_m(self.pixels.values[at], self.aligned),
         };
-        let scored = |pixel: &&Pixel| !is_grouped || pixel.group.is_some();
+        let is_scored = |&at: &usize| !is_grouped || self.pixels.groups[at].is_some();
+        let pixels = (0..self.pixels.places.len())
+            .filter(is_scored)
+            .map(of_pixel);
         let whole = 0..scene.truth.width * scene.truth.height;
         let predicted_m = whole.map(|index| {
             let predicted = scene.predicted(index).filter(|_| scene.is_shown(index));
@@ -89,79 +95,161 @@ impl Scored {
             height: scene.truth.height,
             fit: self.aligned.fit,
             limits_m: (f64::from(scene.min_depth_m), f64::from(scene.max_depth_m)),
-            pixels: self.pixels.iter().filter(scored).map(of_pixel).collect(),
+            pixels: pixels.collect(),
             predicted_m: predicted_m.collect(),
         };
         (self.scores, compared)
     }
 }
 
-struct Pixel {
-    truth_m: f64,
-    /// As in [`Predicted`].
-    value: f64,
+/// Pixels that a protocol scores, row by row. A list for each thing that is known of them, because what is
+/// worked out of several pixels at once must lie side by side.
+#[derive(Default)]
+struct Pixels {
     /// In the list of measured pixels.
-    place: u32,
+    places: Vec<u32>,
+    truth_m: Vec<f64>,
+    /// As in [`Predicted`].
+    values: Vec<f64>,
     /// Predicted.
-    disparity_px: f32,
-    floored: bool,
-    group: Option<Group>,
+    disparities_px: Vec<f32>,
+    floored: Vec<bool>,
+    /// Of protocols with groups alone.
+    groups: Vec<Option<Group>>,
 }
 
-/// Pixels that are worked on together: few enough to stay in the processor's nearest memory.
-const AT_A_TIME: usize = 256;
+impl Pixels {
+    fn reserve(&mut self, count: usize, is_grouped: bool) {
+        self.places.reserve_exact(count);
+        self.truth_m.reserve_exact(count);
+        self.values.reserve_exact(count);
+        self.disparities_px.reserve_exact(count);
+        self.floored.reserve_exact(count);
+        self.groups
+            .reserve_exact(if is_grouped { count } else { 0 });
+    }
+
+    /// Room for what is predicted at each of the places.
+    fn resize_predicted(&mut self) {
+        let count = self.places.len();
+        self.values.resize(count, 0.0);
+        self.disparities_px.resize(count, 0.0);
+        self.floored.resize(count, false);
+    }
+
+    fn set_predicted(&mut self, at: usize, predicted: &Predicted) {
+        self.values[at] = predicted.value;
+        self.disparities_px[at] = predicted.disparity_px;
+        self.floored[at] = predicted.floored;
+    }
+
+    fn truncate(&mut self, count: usize) {
+        self.places.truncate(count);
+        self.truth_m.truncate(count);
+        self.values.truncate(count);
+        self.disparities_px.truncate(count);
+        self.floored.truncate(count);
+        self.groups.truncate(count);
+    }
+
+    fn append(&mut self, more: &Self) {
+        self.places.extend_from_slice(&more.places);
+        self.truth_m.extend_from_slice(&more.truth_m);
+        self.values.extend_from_slice(&more.values);
+        self.disparities_px.extend_from_slice(&more.disparities_px);
+        self.floored.extend_from_slice(&more.floored);
+        self.groups.extend_from_slice(&more.groups);
+    }
+}
 
 impl Scene<'_> {
-    /// Visits the pixels that the protocol scores, row by row, and counts those without a prediction.
-    fn visit(&self, tallies: &mut Tallies, mut each: impl FnMut(Pixel, &mut Tallies)) {
-        let aligns_inverse_depth = self.protocol.alignment.is_of_inverse_depth();
-        // Decided once: what is done at a pixel is a few instructions.
-        match self.prediction {
-            Prediction::DisparityFraction(values) if !aligns_inverse_depth => {
-                self.visit_with(tallies, |at| Some(self.of_disparity(values[at])), &mut each);
+    /// Lists the pixels that the protocol scores, row by row, and counts those without a prediction. Hands
+    /// the list over after each row that leaves [`AT_A_TIME`] or more in it.
+    fn visit(
+        &self,
+        pixels: &mut Pixels,
+        tallies: &mut Tallies,
+        mut full: impl FnMut(&mut Pixels, &mut Tallies),
+    ) {
+        for places in self.truth.within(self.crop) {
+            let first = pixels.places.len();
+            self.list(places, &mut pixels.places, &mut pixels.truth_m);
+            self.list_groups(pixels, first);
+            self.list_predicted(pixels, first, tallies);
+            if pixels.places.len() >= AT_A_TIME {
+                full(pixels, tallies);
             }
-            _ => self.visit_with(tallies, |at| self.predicted(at), &mut each),
         }
     }
 
-    fn visit_with(
-        &self,
-        tallies: &mut Tallies,
-        predicted: impl Fn(usize) -> Option<Predicted>,
-        mut each: impl FnMut(Pixel, &mut Tallies),
-    ) {
-        let truth = self.truth;
-        for places in truth.within(self.crop) {
-            for place in places {
-                let Some(truth_m) = self.truth_m(place) else {
-                    continue;
-                };
-                let index = truth.measured[place] as usize;
-                let group = match self.protocol.grouping {
-                    Grouping::None => None,
-                    Grouping::Cityscapes => truth
-                        .labels
-                        .as_ref()
-                        .and_then(|ids| Group::of_label(ids[index])),
-                    Grouping::Distance => Group::of_depth(truth_m),
-                };
-                let at = match self.places {
-                    Places::All => index,
-                    Places::Measured => place,
-                };
-                let Some(predicted) = predicted(at).filter(|_| self.is_shown(index)) else {
-                    tallies.add_unpredicted(group);
-                    continue;
-                };
-                let pixel = Pixel {
-                    truth_m,
-                    value: predicted.value,
-                    place: place as u32,
-                    disparity_px: predicted.disparity_px,
-                    floored: predicted.floored,
-                    group,
-                };
-                each(pixel, tallies);
+    /// Adds the groups of the pixels from `first` on.
+    fn list_groups(&self, pixels: &mut Pixels, first: usize) {
+        let Pixels {
+            places,
+            truth_m,
+            groups,
+            ..
+        } = pixels;
+        match self.protocol.grouping {
+            Grouping::None => {}
+            Grouping::Cityscapes => groups.extend(places[first..].iter().map(|place| {
+                let index = self.truth.measured[*place as usize] as usize;
+                let labels = self.truth.labels.as_ref();
+                labels.and_then(|ids| Group::of_label(ids[index]))
+            })),
+            Grouping::Distance => {
+                groups.extend(
+                    truth_m[first..]
+                        .iter()
+                        .map(|truth_m| Group::of_depth(*truth_m)),
+                );
+            }
+        }
+    }
+
+    /// Adds what is predicted at the pixels from `first` on, and takes out those without a prediction.
+    fn list_predicted(&self, pixels: &mut Pixels, first: usize, tallies: &mut Tallies) {
+        let at = |place: &u32| match self.places {
+            Places::All => self.truth.measured[*place as usize] as usize,
+            Places::Measured => *place as usize,
+        };
+        pixels.resize_predicted();
+        match self.prediction {
+            // Each has one: a disparity of 0 is raised to the floor.
+            Prediction::DisparityFraction(values)
+                if self.shown.is_none() && !self.protocol.alignment.is_of_inverse_depth() =>
+            {
+                let of_place = pixels.places[first..].iter();
+                let of_place = of_place.zip(&mut pixels.values[first..]);
+                let of_place = of_place.zip(&mut pixels.disparities_px[first..]);
+                let of_place = of_place.zip(&mut pixels.floored[first..]);
+                for (((place, value), disparity_px), floored) in of_place {
+                    let predicted = self.of_disparity(values[at(place)]);
+                    *value = predicted.value;
+                    *disparity_px = predicted.disparity_px;
+                    *floored = predicted.floored;
+                }
+            }
+            _ => {
+                let mut kept = first;
+                for here in first..pixels.places.len() {
+                    let place = pixels.places[here];
+                    let index = self.truth.measured[place as usize] as usize;
+                    let predicted = self.predicted(at(&place)).filter(|_| self.is_shown(index));
+                    match predicted {
+                        None => tallies.add_unpredicted(pixels.groups.get(here).copied().flatten()),
+                        Some(predicted) => {
+                            pixels.set_predicted(kept, &predicted);
+                            pixels.places[kept] = place;
+                            pixels.truth_m[kept] = pixels.truth_m[here];
+                            if let Some(group) = pixels.groups.get(here) {
+                                pixels.groups[kept] = *group;
+                            }
+                            kept += 1;
+                        }
+                    }
+                }
+                pixels.truncate(kept);
             }
         }
     }
@@ -169,41 +257,69 @@ impl Scene<'_> {
     /// Adds pixels to what is known of their groups.
     fn add<const FURTHER: bool>(
         &self,
-        pixels: &[Pixel],
+        pixels: &Pixels,
+        aligned: Aligned,
+        finder: &mut Finder<'_>,
+        tallies: &mut Tallies,
+    ) {
+        let count = pixels.places.len();
+        for start in (0..count).step_by(AT_A_TIME) {
+            let some = start..count.min(start + AT_A_TIME);
+            self.add_some::<FURTHER>(pixels, some, aligned, finder, tallies);
+        }
+    }
+
+    /// Adds some of the pixels, at most [`AT_A_TIME`], to what is known of their groups.
+    fn add_some<const FURTHER: bool>(
+        &self,
+        pixels: &Pixels,
+        some: Range<usize>,
         aligned: Aligned,
         finder: &mut Finder<'_>,
         tallies: &mut Tallies,
     ) {
         let strict = self.protocol.strict_comparisons;
-        // First what calls for a logarithm, then sums, which so stay in the processor's registers.
-        let terms = finder.terms(pixels.iter().map(|pixel| {
-            let predicted_m = self.scored_m(pixel.value, aligned);
-            (pixel.place, pixel.truth_m, predicted_m)
-        }));
-        if let [(None, all)] = tallies.groups.as_mut_slice() {
-            let mut sums = all.sums;
-            for terms in terms {
-                sums.add::<FURTHER>(terms, strict);
-            }
-            all.sums = sums;
-        } else {
-            for (pixel, terms) in pixels.iter().zip(terms) {
-                if let Some(own) = tallies.of(pixel.group) {
-                    own.sums.add::<FURTHER>(terms, strict);
-                }
-            }
+        let places = &pixels.places[some.clone()];
+        let mut predicted_m = [0.0; AT_A_TIME];
+        let predicted_m = &mut predicted_m[..places.len()];
+        for (predicted_m, value) in predicted_m.iter_mut().zip(&pixels.values[some.clone()]) {
+            *predicted_m = self.scored_m(*value, aligned);
         }
+        let terms = finder.terms(places, &pixels.truth_m[some.clone()], predicted_m);
+        let floored = &pixels.floored[some.clone()];
         // Aligned depth no longer belongs to the disparity it was made of.
         let rule = self.protocol.d1_rule.filter(|_| aligned.fit.is_none());
-        let disparities = rule.zip(self.truth.disparity_px.as_ref());
-        for pixel in pixels {
-            let Some(own) = tallies.of(pixel.group) else {
-                continue;
-            };
-            own.floored += u64::from(pixel.floored);
-            if let Some((rule, true_px)) = disparities {
-                let true_px = true_px[pixel.place as usize];
-                own.disparities.add(true_px, pixel.disparity_px, rule);
+        let true_px = rule.zip(self.truth.disparity_px.as_ref());
+        let disparities = true_px.map(|(rule, true_px)| {
+            let predicted_px = &pixels.disparities_px[some.clone()];
+            let true_px = places.iter().map(|place| true_px[*place as usize]);
+            (rule, true_px.zip(predicted_px))
+        });
+        if let [(None, all)] = tallies.groups.as_mut_slice() {
+            all.sums.add_all::<FURTHER>(terms, strict);
+            all.floored += floored
+                .iter()
+                .map(|floored| u64::from(*floored))
+                .sum::<u64>();
+            if let Some((rule, disparities)) = disparities {
+                for (true_px, predicted_px) in disparities {
+                    all.disparities.add(true_px, *predicted_px, rule);
+                }
+            }
+            return;
+        }
+        let groups = &pixels.groups[some];
+        for ((group, terms), floored) in groups.iter().zip(terms).zip(floored) {
+            if let Some(own) = tallies.of(*group) {
+                own.sums.add::<FURTHER>(terms, strict);
+                own.floored += u64::from(*floored);
+            }
+        }
+        if let Some((rule, disparities)) = disparities {
+            for (group, (true_px, predicted_px)) in groups.iter().zip(disparities) {
+                if let Some(own) = tallies.of(*group) {
+                    own.disparities.add(true_px, *predicted_px, rule);
+                }
             }
         }
     }
@@ -228,40 +344,39 @@ impl Scene<'_> {
     ) -> Result<Scored, EvaluateError> {
         let (protocol, truth) = (self.protocol, self.truth);
         let mut tallies = Tallies::new(protocol.grouping);
-        let mut pixels = Vec::new();
+        let is_grouped = protocol.grouping != Grouping::None;
+        let mut pixels = Pixels::default();
         let mut finder = scratch.begin(truth.measured.len());
         let aligned = if protocol.alignment == Alignment::None {
             // Nothing has to be known of the other pixels.
             let aligned = Aligned::NOT;
-            let mut some = Vec::with_capacity(AT_A_TIME);
-            self.visit(&mut tallies, |pixel, tallies| {
-                some.push(pixel);
-                if some.len() == AT_A_TIME {
-                    self.add::<FURTHER>(&some, aligned, &mut finder, tallies);
-                    if kept {
-                        pixels.append(&mut some);
-                    }
-                    some.clear();
+            let mut some = Pixels::default();
+            some.reserve(AT_A_TIME + truth.width, is_grouped);
+            let mut add = |some: &mut Pixels, tallies: &mut Tallies| {
+                self.add::<FURTHER>(some, aligned, &mut finder, tallies);
+                if kept {
+                    pixels.append(some);
                 }
-            });
-            self.add::<FURTHER>(&some, aligned, &mut finder, &mut tallies);
-            if kept {
-                pixels.append(&mut some);
-            }
+                some.truncate(0);
+            };
+            self.visit(&mut some, &mut tallies, &mut add);
+            add(&mut some, &mut tallies);
             aligned
         } else {
-            pixels.reserve_exact(truth.measured.len());
-            self.visit(&mut tallies, |pixel, _| pixels.push(pixel));
-            let pairs = pixels.iter().map(|pixel| (pixel.value, pixel.truth_m));
+            pixels.reserve(truth.measured.len(), is_grouped);
+            self.visit(&mut pixels, &mut tallies, |_, _| ());
+            let pairs = pixels
+                .values
+                .iter()
+                .copied()
+                .zip(pixels.truth_m.iter().copied());
             let aligned = Aligned::of_pairs(protocol.alignment, pairs)?;
             if protocol.alignment.is_of_inverse_depth() {
-                for pixel in &mut pixels {
-                    pixel.floored = aligned.is_floored(pixel.value);
+                for (floored, value) in pixels.floored.iter_mut().zip(&pixels.values) {
+                    *floored = aligned.is_floored(*value);
                 }
             }
-            for some in pixels.chunks(AT_A_TIME) {
-                self.add::<FURTHER>(some, aligned, &mut finder, &mut tallies);
-            }
+            self.add::<FURTHER>(&pixels, aligned, &mut finder, &mut tallies);
             aligned
         };
         let scores: Vec<ImageScore> = tallies

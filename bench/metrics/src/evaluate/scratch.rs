@@ -42,32 +42,40 @@ pub(super) struct Finder<'a> {
 }
 
 impl Finder<'_> {
-    /// What the metrics sum up at each of some pixels, which come after the ones before: by place, with true
-    /// and predicted depth in metres.
-    pub(super) fn terms(&mut self, pixels: impl Iterator<Item = (u32, f64, f64)>) -> &[Terms] {
+    /// What the metrics sum up at each of some pixels, which come after the ones before and are at most
+    /// [`AT_A_TIME`](crate::sums::AT_A_TIME): by place, true and predicted depth in metres.
+    pub(super) fn terms(
+        &mut self,
+        pixels: &[u32],
+        truth_m: &[f64],
+        predicted_m: &[f64],
+    ) -> &[Terms] {
         let Scratch { places, terms } = &mut *self.scratch;
         if self.is_filling {
             let first = terms.len();
-            terms.extend(pixels.map(|(place, truth_m, predicted_m)| {
-                places.push(place);
-                Terms::new(truth_m, predicted_m)
-            }));
+            places.extend_from_slice(pixels);
+            Terms::extend(terms, truth_m, predicted_m);
             return &terms[first..];
         }
         let next = &mut self.next;
+        let depths = truth_m.iter().zip(predicted_m);
         self.found.clear();
-        self.found
-            .extend(pixels.map(|(place, truth_m, predicted_m)| {
-                while places.get(*next).is_some_and(|known| *known < place) {
-                    *next += 1;
-                }
-                match (places.get(*next), terms.get(*next)) {
-                    (Some(known), Some(terms)) if *known == place => {
-                        terms.or_of(truth_m, predicted_m)
+        self.found.extend(
+            pixels
+                .iter()
+                .zip(depths)
+                .map(|(place, (&truth_m, &predicted_m))| {
+                    while places.get(*next).is_some_and(|known| known < place) {
+                        *next += 1;
                     }
-                    _ => Terms::new(truth_m, predicted_m),
-                }
-            }));
+                    match (places.get(*next), terms.get(*next)) {
+                        (Some(known), Some(terms)) if known == place => {
+                            terms.or_of(truth_m, predicted_m)
+                        }
+                        _ => Terms::new(truth_m, predicted_m),
+                    }
+                }),
+        );
         &self.found
     }
 }
@@ -95,9 +103,14 @@ mod tests {
         for pixels in cases {
             let expected: Vec<Terms> = pixels.iter().map(|&(_, g, p)| Terms::new(g, p)).collect();
             let mut finder = scratch.begin(pixels.len());
+            let mut found = Vec::new();
             let (some, others) = pixels.split_at(pixels.len() / 2);
-            let found = finder.terms(some.iter().copied()).to_vec();
-            let found = [&found, finder.terms(others.iter().copied())].concat();
+            for pixels in [some, others] {
+                let places: Vec<u32> = pixels.iter().map(|pixel| pixel.0).collect();
+                let (truth_m, predicted_m): (Vec<f64>, Vec<f64>) =
+                    pixels.iter().map(|&(_, g, p)| (g, p)).unzip();
+                found.extend_from_slice(finder.terms(&places, &truth_m, &predicted_m));
+            }
             assert_eq!(found, expected);
         }
         assert_eq!(scratch.places, [1, 4, 5]);

@@ -41,9 +41,10 @@ impl GroundTruth {
         check_size("depth ground truth", depth_m.len(), width, height)?;
         let mut truth = Self::empty(size, camera, depth_m.len());
         let mut is_usable = true;
+        let mut positions = Vec::new();
         for row in 0..height {
             let own = row * width..(row + 1) * width;
-            is_usable &= truth.find_in_row(&depth_m[own.clone()], own.start);
+            is_usable &= truth.find_in_row(&depth_m[own.clone()], own.start, &mut positions);
             truth.rows.push(truth.measured.len());
         }
         if !is_usable {
@@ -103,29 +104,37 @@ impl GroundTruth {
         }
     }
 
-    /// Nineteen of twenty pixels have nothing, and finding the others is what takes time. Which ones have
-    /// something becomes a byte each first, for many pixels at a time, and eight bytes without anything are
-    /// one comparison. Says whether every value is a measurement or none.
-    fn find_in_row(&mut self, row: &[f32], start: usize) -> bool {
-        let mut is_usable = true;
-        for (start, piece) in (start..).step_by(PIECE).zip(row.chunks(PIECE)) {
-            let mut found = [0_u8; PIECE];
-            for (found, value) in found.iter_mut().zip(piece) {
-                *found = u8::from(*value != 0.0);
+    /// Nineteen of twenty pixels have nothing, and finding the others is what takes time: which ones have
+    /// something becomes a bit each, for many pixels at a time, and then a position for each bit, as many
+    /// for every piece as few pieces exceed, because a guess of how many there are fails. Says whether every
+    /// value is a measurement or none. `positions` is room for those of a row.
+    fn find_in_row(&mut self, row: &[f32], start: usize, positions: &mut Vec<u32>) -> bool {
+        const FEW: usize = 8;
+        positions.resize(row.len() + FEW, 0);
+        let mut count = 0;
+        for (first, piece) in (0..).step_by(PIECE).zip(row.chunks(PIECE)) {
+            let mut bits = bits_of_measured(piece);
+            let end = count + bits.count_ones() as usize;
+            let mut next = || {
+                let position = first + bits.trailing_zeros();
+                bits &= bits.wrapping_sub(1);
+                position
+            };
+            for position in &mut positions[count..count + FEW] {
+                *position = next();
             }
-            for (eight, bytes) in found.as_chunks().0.iter().enumerate() {
-                let mut left = u64::from_le_bytes(*bytes);
-                while left != 0 {
-                    let at = 8 * eight + left.trailing_zeros() as usize / 8;
-                    // A byte of one bit: taking the lowest away takes the pixel.
-                    left &= left - 1;
-                    is_usable &= is_measurable(piece[at]);
-                    self.measured.push((start + at) as u32);
-                    self.depth_m.push(piece[at]);
-                }
+            for position in positions.iter_mut().take(end).skip(count + FEW) {
+                *position = next();
             }
+            count = end;
         }
-        is_usable
+        let positions = &positions[..count];
+        let known = self.depth_m.len();
+        self.measured
+            .extend(positions.iter().map(|position| start as u32 + position));
+        self.depth_m
+            .extend(positions.iter().map(|position| row[*position as usize]));
+        first_unusable(&self.depth_m[known..], is_measurable).is_none()
     }
 
     /// Indices of all measured pixels, row by row.
@@ -184,6 +193,21 @@ impl GroundTruth {
 
 /// Pixels that are looked through at a time.
 const PIECE: usize = 64;
+
+/// A bit for each pixel of a piece, set where there is something.
+fn bits_of_measured(piece: &[f32]) -> u64 {
+    let mut found = [0_u8; PIECE];
+    for (found, value) in found.iter_mut().zip(piece) {
+        *found = u8::from(*value != 0.0);
+    }
+    let mut bits = 0;
+    for (eight, bytes) in found.as_chunks().0.iter().enumerate() {
+        // The product gathers the lowest bit of each byte in the highest byte.
+        let of_eight = u64::from_le_bytes(*bytes).wrapping_mul(0x0102_0408_1020_4080) >> 56;
+        bits |= of_eight << (8 * eight);
+    }
+    bits
+}
 
 pub(super) fn check_size(
     plane: &'static str,
