@@ -12,8 +12,8 @@
 //! because a depth that is rounded otherwise may fall on the other side of an accuracy
 //! threshold. Everything after that is double precision.
 //!
-//! `truth` is what is known of an image, `scene` what a pixel is, `alignment` the fit, `score` the steps,
-//! `scratch` what several protocols need not find twice. Not here: flip post-processing, see [`flip_blend`](crate::flip_blend).
+//! `truth` is what is known of an image, `scene` what a pixel is, `pixels` which ones count, `alignment` the
+//! fit, `score` the steps, `scratch` what several protocols need not find twice. Not here: flip post-processing, see [`flip_blend`](crate::flip_blend).
 
 #[cfg(test)]
 mod aligned_tests;
@@ -21,6 +21,7 @@ mod alignment;
 mod error;
 #[cfg(test)]
 mod models_tests;
+mod pixels;
 mod prediction;
 mod scene;
 mod score;

@@ -2,8 +2,6 @@
 //!
 //! Not here: what is made of the pixels ([`super::score`](mod@super::score)).
 
-use std::ops::Range;
-
 use super::error::EvaluateError;
 use super::prediction::Prediction;
 use super::truth::{GroundTruth, check_size, first_unusable};
@@ -34,12 +32,12 @@ pub(super) struct Scene<'a> {
     pub(super) places: Places,
     /// Focal length times baseline: depth = this / disparity in pixels. 0 where nothing depends on
     /// the camera.
-    focal_baseline: f64,
+    pub(super) focal_baseline: f64,
     /// Limits as the reference sees them beside single-precision depth.
     pub(super) min_depth_m: f32,
     pub(super) max_depth_m: f32,
     /// The nearest and the farthest true depth that counts.
-    counted_m: [f64; 2],
+    pub(super) counted_m: [f64; 2],
     /// Where a prediction is looked at: KITTI's benchmark crop.
     pub(super) shown: Option<CropBox>,
     /// What is scored.
@@ -275,50 +273,11 @@ impl<'a> Scene<'a> {
     /// What was measured, 0 where something else was, and whether it is disparity in pixels rather than
     /// depth in metres.
     #[inline]
-    fn measured_values(&self) -> (&'a [f32], bool) {
+    pub(super) fn measured_values(&self) -> (&'a [f32], bool) {
         match &self.truth.disparity_px {
             Some(disparity_px) if self.protocol.ground_truth.is_stereo() => (disparity_px, true),
             _ => (&self.truth.depth_m, false),
         }
-    }
-
-    /// Lists the measured pixels among some places that the protocol does not mask, with their true depth in
-    /// metres.
-    pub(super) fn list(&self, some: Range<usize>, places: &mut Vec<u32>, truth_m: &mut Vec<f64>) {
-        let (measured, is_disparity) = self.measured_values();
-        let measured = &measured[some.clone()];
-        match is_disparity {
-            true => {
-                let depth_m = |disparity_px| self.focal_baseline / disparity_px;
-                self.list_depths(some.start, measured, depth_m, places, truth_m);
-            }
-            false => self.list_depths(some.start, measured, |depth_m| depth_m, places, truth_m),
-        }
-    }
-
-    /// Which pixels count is as good as chance to the processor, so each is written down and the next one
-    /// written over those that do not.
-    fn list_depths(
-        &self,
-        start: usize,
-        measured: &[f32],
-        depth_m: impl Fn(f64) -> f64,
-        places: &mut Vec<u32>,
-        truth_m: &mut Vec<f64>,
-    ) {
-        let [nearest_m, farthest_m] = self.counted_m;
-        let mut count = places.len();
-        places.resize(count + measured.len(), 0);
-        truth_m.resize(count + measured.len(), 0.0);
-        for (place, value) in (start as u32..).zip(measured) {
-            let depth_m = depth_m(f64::from(*value));
-            places[count] = place;
-            truth_m[count] = depth_m;
-            let counts = (*value != 0.0) & (depth_m >= nearest_m) & (depth_m <= farthest_m);
-            count += usize::from(counts);
-        }
-        places.truncate(count);
-        truth_m.truncate(count);
     }
 }
 

@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use super::alignment::{Aligned, Fit};
 use super::error::EvaluateError;
-use super::prediction::Prediction;
-use super::scene::{Places, Predicted, Scene};
+use super::pixels::Pixels;
+use super::scene::Scene;
 use super::scratch::{Finder, Scratch};
 use super::tallies::{GroupTally, Tallies};
 use crate::metrics::{FurtherMetrics, Metrics};
@@ -102,158 +102,7 @@ impl Scored {
     }
 }
 
-/// Pixels that a protocol scores, row by row. A list for each thing that is known of them, because what is
-/// worked out of several pixels at once must lie side by side.
-#[derive(Default)]
-struct Pixels {
-    /// In the list of measured pixels.
-    places: Vec<u32>,
-    truth_m: Vec<f64>,
-    /// As in [`Predicted`].
-    values: Vec<f64>,
-    /// Predicted.
-    disparities_px: Vec<f32>,
-    floored: Vec<bool>,
-    /// Of protocols with groups alone.
-    groups: Vec<Option<Group>>,
-}
-
-impl Pixels {
-    fn reserve(&mut self, count: usize, is_grouped: bool) {
-        self.places.reserve_exact(count);
-        self.truth_m.reserve_exact(count);
-        self.values.reserve_exact(count);
-        self.disparities_px.reserve_exact(count);
-        self.floored.reserve_exact(count);
-        self.groups
-            .reserve_exact(if is_grouped { count } else { 0 });
-    }
-
-    /// Room for what is predicted at each of the places.
-    fn resize_predicted(&mut self) {
-        let count = self.places.len();
-        self.values.resize(count, 0.0);
-        self.disparities_px.resize(count, 0.0);
-        self.floored.resize(count, false);
-    }
-
-    fn set_predicted(&mut self, at: usize, predicted: &Predicted) {
-        self.values[at] = predicted.value;
-        self.disparities_px[at] = predicted.disparity_px;
-        self.floored[at] = predicted.floored;
-    }
-
-    fn truncate(&mut self, count: usize) {
-        self.places.truncate(count);
-        self.truth_m.truncate(count);
-        self.values.truncate(count);
-        self.disparities_px.truncate(count);
-        self.floored.truncate(count);
-        self.groups.truncate(count);
-    }
-
-    fn append(&mut self, more: &Self) {
-        self.places.extend_from_slice(&more.places);
-        self.truth_m.extend_from_slice(&more.truth_m);
-        self.values.extend_from_slice(&more.values);
-        self.disparities_px.extend_from_slice(&more.disparities_px);
-        self.floored.extend_from_slice(&more.floored);
-        self.groups.extend_from_slice(&more.groups);
-    }
-}
-
 impl Scene<'_> {
-    /// Lists the pixels that the protocol scores, row by row, and counts those without a prediction. Hands
-    /// the list over after each row that leaves [`AT_A_TIME`] or more in it.
-    fn visit(
-        &self,
-        pixels: &mut Pixels,
-        tallies: &mut Tallies,
-        mut full: impl FnMut(&mut Pixels, &mut Tallies),
-    ) {
-        for places in self.truth.within(self.crop) {
-            let first = pixels.places.len();
-            self.list(places, &mut pixels.places, &mut pixels.truth_m);
-            self.list_groups(pixels, first);
-            self.list_predicted(pixels, first, tallies);
-            if pixels.places.len() >= AT_A_TIME {
-                full(pixels, tallies);
-            }
-        }
-    }
-
-    /// Adds the groups of the pixels from `first` on.
-    fn list_groups(&self, pixels: &mut Pixels, first: usize) {
-        let Pixels {
-            places,
-            truth_m,
-            groups,
-            ..
-        } = pixels;
-        match self.protocol.grouping {
-            Grouping::None => {}
-            Grouping::Cityscapes => groups.extend(places[first..].iter().map(|place| {
-                let index = self.truth.measured[*place as usize] as usize;
-                let labels = self.truth.labels.as_ref();
-                labels.and_then(|ids| Group::of_label(ids[index]))
-            })),
-            Grouping::Distance => {
-                groups.extend(
-                    truth_m[first..]
-                        .iter()
-                        .map(|truth_m| Group::of_depth(*truth_m)),
-                );
-            }
-        }
-    }
-
-    /// Adds what is predicted at the pixels from `first` on, and takes out those without a prediction.
-    fn list_predicted(&self, pixels: &mut Pixels, first: usize, tallies: &mut Tallies) {
-        let at = |place: &u32| match self.places {
-            Places::All => self.truth.measured[*place as usize] as usize,
-            Places::Measured => *place as usize,
-        };
-        pixels.resize_predicted();
-        match self.prediction {
-            // Each has one: a disparity of 0 is raised to the floor.
-            Prediction::DisparityFraction(values)
-                if self.shown.is_none() && !self.protocol.alignment.is_of_inverse_depth() =>
-            {
-                let of_place = pixels.places[first..].iter();
-                let of_place = of_place.zip(&mut pixels.values[first..]);
-                let of_place = of_place.zip(&mut pixels.disparities_px[first..]);
-                let of_place = of_place.zip(&mut pixels.floored[first..]);
-                for (((place, value), disparity_px), floored) in of_place {
-                    let predicted = self.of_disparity(values[at(place)]);
-                    *value = predicted.value;
-                    *disparity_px = predicted.disparity_px;
-                    *floored = predicted.floored;
-                }
-            }
-            _ => {
-                let mut kept = first;
-                for here in first..pixels.places.len() {
-                    let place = pixels.places[here];
-                    let index = self.truth.measured[place as usize] as usize;
-                    let predicted = self.predicted(at(&place)).filter(|_| self.is_shown(index));
-                    match predicted {
-                        None => tallies.add_unpredicted(pixels.groups.get(here).copied().flatten()),
-                        Some(predicted) => {
-                            pixels.set_predicted(kept, &predicted);
-                            pixels.places[kept] = place;
-                            pixels.truth_m[kept] = pixels.truth_m[here];
-                            if let Some(group) = pixels.groups.get(here) {
-                                pixels.groups[kept] = *group;
-                            }
-                            kept += 1;
-                        }
-                    }
-                }
-                pixels.truncate(kept);
-            }
-        }
-    }
-
     /// Adds pixels to what is known of their groups.
     fn add<const FURTHER: bool>(
         &self,
