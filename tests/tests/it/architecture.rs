@@ -153,3 +153,28 @@ fn pure_crates_do_no_input_or_output() {
         }
     }
 }
+
+/// Packages that are compiled for some of the workspace, with the features switched on in them.
+fn features(of: &[&str]) -> BTreeSet<String> {
+    let output = Command::new(env!("CARGO"))
+        .args(["tree", "--offline", "--locked", "--prefix", "none"])
+        .args(["--edges", "normal,build,dev", "--format", "{p} [{f}]"])
+        .args(of)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo runs");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "cargo tree: {told}");
+    let tree = String::from_utf8(output.stdout).expect("UTF-8");
+    let packages = tree.lines().map(|line| line.trim_end_matches(" (*)"));
+    packages.map(str::to_owned).collect()
+}
+
+/// With other features in shared packages, `cargo demo` would compile them, and what is made of them, again.
+#[test]
+fn the_demo_is_built_from_what_the_tests_are_built_from() {
+    let demo = features(&["--package", "strat-tests"]);
+    let tests = features(&["--workspace"]);
+    let own: Vec<&String> = demo.difference(&tests).collect();
+    assert!(!demo.is_empty() && own.is_empty(), "{own:#?}");
+}
