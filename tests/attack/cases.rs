@@ -264,7 +264,13 @@ pub fn results(stage: &Stage) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = tree(&stage.path("out"));
     found.retain(|name, bytes| {
         let text = name.to_string_lossy();
-        let records = ["run.yaml", "cues.yaml", "figures.yaml", "predict.yaml"];
+        let records = [
+            "run.yaml",
+            "cues.yaml",
+            "figures.yaml",
+            "predict.yaml",
+            "study-results.yaml",
+        ];
         if records.iter().any(|record| text.ends_with(record)) {
             let lines = String::from_utf8_lossy(bytes).into_owned();
             let is_kept = |line: &&str| !OF_ONE_RUN.iter().any(|word| line.contains(word));

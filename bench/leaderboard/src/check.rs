@@ -96,11 +96,11 @@ fn twice(submissions: &[Submission]) -> Vec<Problem> {
                 told.push(&one.id);
                 let sentence = match what {
                     "model" => format!(
-                        "the same model as {SUBMISSIONS}/{} (model_hash {:.12}); a method stands there once",
+                        "the same model as {SUBMISSIONS}/{} (model_hash {:.12}); a method is listed once",
                         first.id, one.model_hash
                     ),
                     what => format!(
-                        "the same {what} as {SUBMISSIONS}/{}; a method stands there once, so give the \
+                        "the same {what} as {SUBMISSIONS}/{}; a method is listed once, so give the \
                          new one another name or replace the old one",
                         first.id
                     ),

@@ -112,7 +112,8 @@ pub fn page_of(name: &str) -> String {
     }
 }
 
-/// All sections of a leaderboard, in the order of the protocols in `bench protocols`.
+/// All sections of a leaderboard, in the order of the protocols in `bench protocols` and of the data sets in
+/// the leaderboard's own file.
 #[must_use]
 pub fn sections(checked: &Checked) -> Vec<Section<'_>> {
     type Key<'a> = (&'a str, Option<Group>, &'a str);
@@ -153,7 +154,7 @@ pub fn sections(checked: &Checked) -> Vec<Section<'_>> {
             known.unwrap_or(order.len()),
             section.protocol.name.clone(),
             !section.data.competes(),
-            section.data.digest.clone(),
+            (checked.board.data.iter()).position(|data| data.digest == section.data.digest),
             section.group,
         )
     });

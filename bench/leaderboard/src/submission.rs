@@ -461,7 +461,7 @@ fn differences(claimed: &[Entry], derived: &[Entry]) -> Vec<String> {
                     )
                 }));
             }
-            _ => sentences.push(format!("{} stands there {} times", of(line), same.len())),
+            _ => sentences.push(format!("{} is there {} times", of(line), same.len())),
         }
     }
     let known = |entry: &&Entry| {

@@ -396,7 +396,7 @@ fn a_method_twice() {
     fixture.submit_rows("bad", "A", &measured("A", &images(), 1.3));
     says(
         &fixture,
-        &["submissions/bad: the same method as submissions/a; a method stands there once"],
+        &["submissions/bad: the same method as submissions/a; a method is listed once"],
     );
     let mut copied = measured("a", &images(), 1.1);
     copied
