@@ -63,17 +63,34 @@ impl Chart {
     /// The chart as SVG.
     #[must_use]
     pub fn svg(&self) -> String {
-        let keys = self.panels.iter().map(|panel| panel.curves.len()).max();
+        let keys: Vec<Vec<Styled<'_>>> = (0..self.panels.len()).map(|at| self.key(at)).collect();
+        let longest = keys.iter().map(Vec::len).max().unwrap_or(0);
         let width = 16.0 + PANEL_WIDTH * self.panels.len().max(1) as f64;
-        let height = PLOT_BOTTOM + 52.0 + KEY_LINE * keys.unwrap_or(0) as f64;
+        let height = PLOT_BOTTOM + 52.0 + KEY_LINE * longest as f64;
         let body = html! {
-            @for (index, panel) in self.panels.iter().enumerate() {
-                (panel.draw(16.0 + PANEL_WIDTH * index as f64, index))
+            @for (index, (panel, key)) in self.panels.iter().zip(&keys).enumerate() {
+                (panel.draw(16.0 + PANEL_WIDTH * index as f64, index, key))
             }
         };
         document((width, height), &self.title, &self.note, &body)
     }
 }
+
+impl Chart {
+    /// What the key of a panel has to say: the keys of the panels before it hold for it as well.
+    fn key(&self, panel: usize) -> Vec<Styled<'_>> {
+        let (before, from_here) = self.panels.split_at(panel);
+        let is_told = |(curve, style, width): &Styled<'_>| {
+            let mut told = before.iter().flat_map(Panel::styled);
+            told.any(|(other, s, w)| other.label == curve.label && s == *style && w == *width)
+        };
+        let own = from_here.first().into_iter().flat_map(Panel::styled);
+        own.filter(|curve| !is_told(curve)).collect()
+    }
+}
+
+/// A curve with its colour, its dashes and its width.
+type Styled<'a> = (&'a Curve, (&'static str, &'static str), f64);
 
 /// The values that an axis spans.
 #[derive(Clone, Copy)]
@@ -133,7 +150,7 @@ impl Panel {
         }
     }
 
-    fn draw(&self, left: f64, index: usize) -> Markup {
+    fn draw(&self, left: f64, index: usize, key: &[Styled<'_>]) -> Markup {
         let (x, y) = (self.x_range(), self.y_range());
         let x0 = left + PLOT_LEFT;
         let px = |value: f64| x0 + PLOT_WIDTH * x.share(value);
@@ -169,16 +186,16 @@ impl Panel {
             }
             rect x=(Px(x0)) y=(Px(PLOT_TOP)) width=(PLOT_WIDTH) height=(PLOT_HEIGHT) fill="none"
                 stroke="#222222" {}
-            @for (row, (curve, style, width)) in self.styled().enumerate() {
+            @for (row, (curve, style, width)) in key.iter().enumerate() {
                 @let y = PLOT_BOTTOM + 54.0 + KEY_LINE * row as f64;
-                (line(&format!("M{x0:.1} {:.1}h28", y - 4.0), style, width))
+                (line(&format!("M{x0:.1} {:.1}h28", y - 4.0), *style, *width))
                 (text(x0 + 36.0, y, "start", &curve.label))
             }
         }
     }
 
     /// The curves with their styles and widths; measurements and guides are counted apart.
-    fn styled(&self) -> impl Iterator<Item = (&Curve, (&'static str, &'static str), f64)> {
+    fn styled(&self) -> impl Iterator<Item = Styled<'_>> {
         let (mut measured, mut guides) = (0, 0);
         self.curves.iter().map(move |curve| {
             let (count, styles, width): (&mut usize, &[_], f64) = if curve.guide {
@@ -348,6 +365,42 @@ mod tests {
         let (left, right) = (blue_row(2 * 100).unwrap(), blue_row(2 * 400).unwrap());
         assert!(left > right + 100, "{left} {right}");
         assert!(png("nothing", 1.0).is_err());
+    }
+
+    /// A curve is explained once; what only a later panel has, or has in another style, is explained there.
+    #[test]
+    fn keys_are_told_once() {
+        let named = |label: &str, guide| Curve {
+            label: label.to_owned(),
+            guide,
+            ..curve(&[(0.0, 1.0), (1.0, 2.0)])
+        };
+        let first = panel(vec![
+            named("car", false),
+            named("crate", false),
+            named("ideal", true),
+        ]);
+        let second = panel(vec![
+            named("car", false),
+            named("person", false),
+            named("other", true),
+        ]);
+        let third = panel(vec![named("crate", false)]);
+        let both = Chart {
+            panels: vec![first, second, third],
+            ..Chart::default()
+        };
+        let labels = |at| {
+            both.key(at)
+                .iter()
+                .map(|one| one.0.label.as_str())
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(labels(0), ["car", "crate", "ideal"]);
+        assert_eq!(labels(1), ["person", "other"]);
+        // Of another colour than in the first panel.
+        assert_eq!(labels(2), ["crate"]);
+        assert_eq!(both.svg().matches(">car</text>").count(), 1);
     }
 
     #[test]
