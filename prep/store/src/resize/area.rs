@@ -139,8 +139,8 @@ impl pulp::NullaryFnOnce for Shrink<'_> {
             few,
         } = self;
         match few {
-            Some(columns) => narrow_rows(image, width, height, ByFew(columns)),
-            None => narrow_rows(image, width, height, ByAny(columns)),
+            Some(columns) => narrow_rows(image, width, height, columns),
+            None => narrow_rows(image, width, height, columns),
         }
     }
 }
@@ -150,29 +150,11 @@ trait Narrow {
     fn narrow(&self, values: &[f32], narrowed: &mut [f32]);
 }
 
-struct ByFew<'a>(&'a [(usize, [f32; FEW])]);
-
-impl Narrow for ByFew<'_> {
-    #[inline(always)]
-    fn narrow(&self, values: &[f32], narrowed: &mut [f32]) {
-        narrow_row_by_few(values, self.0, narrowed);
-    }
-}
-
-struct ByAny<'a>(&'a [(usize, Vec<f32>)]);
-
-impl Narrow for ByAny<'_> {
-    #[inline(always)]
-    fn narrow(&self, values: &[f32], narrowed: &mut [f32]) {
-        narrow_row(values, self.0, narrowed);
-    }
-}
-
 /// Area means of rows that `narrow` has made of the source's rows; both are given one number more
 /// than there are, and the source's also what [`FEW`] weights may ask for: pixels are read and written
 /// four lanes at a time.
 #[inline(always)]
-fn narrow_rows(image: &RgbImage, width: u32, height: u32, by: impl Narrow) -> RgbImage {
+fn narrow_rows(image: &RgbImage, width: u32, height: u32, by: &(impl Narrow + ?Sized)) -> RgbImage {
     let (target_width, target_height) = (width as usize, height as usize);
     let rows = opencv_area_cells(image.height() as usize, target_height);
     let stride = 3 * image.width() as usize;
@@ -203,18 +185,20 @@ fn narrow_rows(image: &RgbImage, width: u32, height: u32, by: impl Narrow) -> Rg
     RgbImage::from_raw(width, height, data).expect("one value per pixel and channel")
 }
 
-/// Weighted sums along a row of RGB values, in the order of OpenCV's additions.
-#[inline(always)]
-fn narrow_row(values: &[f32], columns: &[(usize, Vec<f32>)], narrowed: &mut [f32]) {
-    for (target, (first, weights)) in narrowed.chunks_exact_mut(3).zip(columns) {
-        // Four lanes, the last one idle: what the vector units of every machine can do.
-        let mut sum = [0.0_f32; 4];
-        for (at, weight) in (3 * first..).step_by(3).zip(weights) {
-            for (sum, value) in sum.iter_mut().zip(&values[at..at + 4]) {
-                *sum += value * weight;
+/// Weighted sums in the order of OpenCV's additions.
+impl Narrow for [(usize, Vec<f32>)] {
+    #[inline(always)]
+    fn narrow(&self, values: &[f32], narrowed: &mut [f32]) {
+        for (target, (first, weights)) in narrowed.chunks_exact_mut(3).zip(self) {
+            // Four lanes, the last one idle: what the vector units of every machine can do.
+            let mut sum = [0.0_f32; 4];
+            for (at, weight) in (3 * first..).step_by(3).zip(weights) {
+                for (sum, value) in sum.iter_mut().zip(&values[at..at + 4]) {
+                    *sum += value * weight;
+                }
             }
+            target.copy_from_slice(&sum[..3]);
         }
-        target.copy_from_slice(&sum[..3]);
     }
 }
 
@@ -232,19 +216,21 @@ fn fixed_weights(columns: &[(usize, Vec<f32>)]) -> Option<Vec<(usize, [f32; FEW]
     fixed.collect()
 }
 
-/// As [`narrow_row`]: adding a number times zero changes no sum.
-#[inline(always)]
-fn narrow_row_by_few(values: &[f32], columns: &[(usize, [f32; FEW])], narrowed: &mut [f32]) {
-    for (at, (first, weights)) in columns.iter().enumerate() {
-        let values = &values[3 * first..3 * first + 3 * FEW + 1];
-        let mut sum = [0.0_f32; 4];
-        for (pixel, weight) in weights.iter().enumerate() {
-            for lane in 0..4 {
-                sum[lane] += values[3 * pixel + lane] * weight;
+/// The same: adding a number times zero changes no sum.
+impl Narrow for [(usize, [f32; FEW])] {
+    #[inline(always)]
+    fn narrow(&self, values: &[f32], narrowed: &mut [f32]) {
+        for (at, (first, weights)) in self.iter().enumerate() {
+            let values = &values[3 * first..3 * first + 3 * FEW + 1];
+            let mut sum = [0.0_f32; 4];
+            for (pixel, weight) in weights.iter().enumerate() {
+                for lane in 0..4 {
+                    sum[lane] += values[3 * pixel + lane] * weight;
+                }
             }
+            // The fourth lane is written over by the next pixel.
+            narrowed[3 * at..3 * at + 4].copy_from_slice(&sum);
         }
-        // The fourth lane is written over by the next pixel.
-        narrowed[3 * at..3 * at + 4].copy_from_slice(&sum);
     }
 }
 
@@ -336,7 +322,7 @@ mod tests {
         for width in [512, 415, 1000, 1241] {
             let columns = opencv_area_cells(1242, width as usize);
             assert!(fixed_weights(&columns).is_some(), "{width}");
-            let many = narrow_rows(&image, width, 4, ByAny(&columns));
+            let many = narrow_rows(&image, width, 4, columns.as_slice());
             assert!(rgb(&image, width, 4) == many, "{width}");
         }
         assert!(fixed_weights(&opencv_area_cells(1242, 200)).is_none());
