@@ -31,6 +31,12 @@ impl Terms {
         Self::with_logarithm(truth_m, predicted_m, truth_m.ln())
     }
 
+    /// Whether they are those of two depths.
+    #[inline]
+    pub(crate) fn is_of(&self, truth_m: f64, predicted_m: f64) -> bool {
+        self.truth_m == truth_m && self.predicted_m == predicted_m
+    }
+
     /// These terms if they are those of two depths, or the terms of those.
     #[inline]
     pub(crate) fn or_of(&self, truth_m: f64, predicted_m: f64) -> Self {

@@ -128,14 +128,17 @@ impl Scene<'_> {
             Prediction::DisparityFraction(values)
                 if self.shown.is_none() && !self.protocol.alignment.is_of_inverse_depth() =>
             {
-                let of_place = pixels.places[first..].iter();
-                let of_place = of_place.zip(&mut pixels.values[first..]);
-                let of_place = of_place.zip(&mut pixels.disparities_px[first..]);
-                let of_place = of_place.zip(&mut pixels.floored[first..]);
-                for (((place, value), disparity_px), floored) in of_place {
-                    let predicted = self.of_disparity(values[at(place)]);
-                    *value = predicted.value;
+                // First the fractions, from wherever they lie, then many at a time what they mean.
+                let disparities_px = &mut pixels.disparities_px[first..];
+                for (fraction, place) in disparities_px.iter_mut().zip(&pixels.places[first..]) {
+                    *fraction = values[at(place)];
+                }
+                let predicted = pixels.values[first..].iter_mut();
+                let predicted = predicted.zip(&mut pixels.floored[first..]);
+                for (disparity_px, (value, floored)) in disparities_px.iter_mut().zip(predicted) {
+                    let predicted = self.of_disparity(*disparity_px);
                     *disparity_px = predicted.disparity_px;
+                    *value = predicted.value;
                     *floored = predicted.floored;
                 }
             }

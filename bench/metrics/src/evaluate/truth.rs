@@ -114,6 +114,10 @@ impl GroundTruth {
         let mut count = 0;
         for (first, piece) in (0..).step_by(PIECE).zip(row.chunks(PIECE)) {
             let mut bits = bits_of_measured(piece);
+            // The sky has none, row after row.
+            if bits == 0 {
+                continue;
+            }
             let end = count + bits.count_ones() as usize;
             let mut next = || {
                 let position = first + bits.trailing_zeros();
