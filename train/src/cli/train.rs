@@ -160,7 +160,15 @@ fn conclude(outcome: &Outcome, options: &Options) -> Result<u8, CliError> {
         ));
         print_line(model.display())?;
         let epochs = options.config.epochs;
-        let better = outcome.best.as_ref().filter(|best| best.epoch != epochs);
+        // `--max-steps` ends it before.
+        let is_whole = outcome.steps >= outcome.planned;
+        let reached = if is_whole {
+            format!("epoch {epochs}")
+        } else {
+            format!("step {} of {}", outcome.steps, outcome.planned)
+        };
+        let better = outcome.best.as_ref();
+        let better = better.filter(|best| !is_whole || best.epoch != epochs);
         let better = better.map_or(String::new(), |best| {
             format!(
                 " (the best by validation was epoch {}: train export {} --best)",
@@ -170,7 +178,7 @@ fn conclude(outcome: &Outcome, options: &Options) -> Result<u8, CliError> {
         });
         if !outcome.interrupted {
             say(format!(
-                "it is that of epoch {epochs}{better}; next: bench eval --table all --data {} -m {} -o results",
+                "it is that of {reached}{better}; next: bench eval --table all --data {} -m {} -o results",
                 options.data.display(),
                 model.display()
             ));

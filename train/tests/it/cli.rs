@@ -192,6 +192,7 @@ fn a_short_run_is_trained_resumed_and_exported() {
         error.contains("training") && error.contains("epoch 1/2"),
         "{error}"
     );
+    assert!(error.contains("it is that of step 1 of 2"), "{error}");
     for file in [
         "config.yaml",
         "run.json",
