@@ -16,8 +16,8 @@ pub(crate) struct Terms {
     truth_m: f64,
     /// Predicted depth p in metres.
     predicted_m: f64,
-    ln_truth: f64,
-    ln_predicted: f64,
+    /// ln g - ln p.
+    log_error: f64,
     /// |g - p| / g.
     abs_rel: f64,
     /// (g - p)^2 / g.
@@ -27,38 +27,21 @@ pub(crate) struct Terms {
 }
 
 impl Terms {
-    pub(crate) fn new(truth_m: f64, predicted_m: f64) -> Self {
-        Self::with_logarithm(truth_m, predicted_m, truth_m.ln())
+    pub(crate) fn new(g: f64, p: f64) -> Self {
+        Self {
+            truth_m: g,
+            predicted_m: p,
+            log_error: g.ln() - p.ln(),
+            abs_rel: abs_rel(g, p),
+            sq_rel: sq_rel(g, p),
+            ratio: ratio(g, p),
+        }
     }
 
     /// Whether they are those of two depths.
     #[inline]
     pub(crate) fn is_of(&self, truth_m: f64, predicted_m: f64) -> bool {
         self.truth_m == truth_m && self.predicted_m == predicted_m
-    }
-
-    /// These terms if they are those of two depths, or the terms of those.
-    #[inline]
-    pub(crate) fn or_of(&self, truth_m: f64, predicted_m: f64) -> Self {
-        if self.truth_m != truth_m {
-            Self::new(truth_m, predicted_m)
-        } else if self.predicted_m != predicted_m {
-            Self::with_logarithm(truth_m, predicted_m, self.ln_truth)
-        } else {
-            *self
-        }
-    }
-
-    fn with_logarithm(g: f64, p: f64, ln_truth: f64) -> Self {
-        Self {
-            truth_m: g,
-            predicted_m: p,
-            ln_truth,
-            ln_predicted: p.ln(),
-            abs_rel: abs_rel(g, p),
-            sq_rel: sq_rel(g, p),
-            ratio: ratio(g, p),
-        }
     }
 
     /// Adds the terms of pixels, of which there are at most [`AT_A_TIME`], to a list; of quotients the
@@ -80,8 +63,7 @@ impl Terms {
                 .map(|((&g, &p), ((&abs_rel, &sq_rel), &ratio))| Self {
                     truth_m: g,
                     predicted_m: p,
-                    ln_truth: g.ln(),
-                    ln_predicted: p.ln(),
+                    log_error: g.ln() - p.ln(),
                     abs_rel,
                     sq_rel,
                     ratio,
@@ -153,7 +135,7 @@ impl Tally {
     #[inline]
     pub(crate) fn add<const FURTHER: bool>(&mut self, terms: &Terms, strict: bool) {
         let error = terms.truth_m - terms.predicted_m;
-        let log_error = terms.ln_truth - terms.ln_predicted;
+        let log_error = terms.log_error;
         self.count += 1;
         self.abs_rel += terms.abs_rel;
         self.sq_rel += terms.sq_rel;

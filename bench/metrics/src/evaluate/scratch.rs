@@ -81,8 +81,10 @@ impl Finder<'_> {
                         *next += 1;
                     }
                     match (places.get(*next), terms.get(*next)) {
-                        (Some(known), Some(terms)) if known == place => {
-                            terms.or_of(truth_m, predicted_m)
+                        (Some(known), Some(terms))
+                            if known == place && terms.is_of(truth_m, predicted_m) =>
+                        {
+                            *terms
                         }
                         _ => Terms::new(truth_m, predicted_m),
                     }
