@@ -13,7 +13,7 @@ fn the_repositorys_own_leaderboard_is_good_and_can_be_shown() {
     assert_eq!(checked.problems, []);
     assert_eq!(
         (checked.submissions.len(), checked.published.len()),
-        (15, 47)
+        (16, 47)
     );
     // Nothing of it is KITTI's, so nothing stands beside published rows.
     assert!(
@@ -50,6 +50,14 @@ fn the_repositorys_own_leaderboard_is_good_and_can_be_shown() {
             ("flat_road", Some(15)),
         ]
     );
+    // The demo's images are others, and nothing else is measured on them.
+    let of_demo: Vec<(&str, Option<usize>)> = all
+        .iter()
+        .filter(|section| section.data.images == 40)
+        .flat_map(|section| &section.methods)
+        .map(|method| (method.submission.id.as_str(), method.places[0].rank))
+        .collect();
+    assert_eq!(of_demo, [("demo", None), ("demo", None)]);
     let out = tempfile::tempdir().unwrap();
     let written = site::write(&checked, &out.path().join("site")).unwrap();
     assert!(written.bytes < 2_000_000, "{written:?}");
