@@ -6,6 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use strat_metrics::Metric;
 use strat_store::{
+    claim::Found,
     command::{CliError, DONE, FAILED, print},
     yaml,
 };
@@ -434,6 +435,11 @@ impl Collecting<'_> {
         if self.args.replace.force {
             return Ok(());
         }
+        // A first collection that was interrupted among its files left no results that could be lost.
+        let found = MARK.examine(folder, &[])?;
+        if found == Found::Begun && !folder.join(ownership::MARK.record).exists() {
+            return Ok(());
+        }
         let earlier = ownership::earlier_results(folder, &[])?;
         match earlier.and_then(|earlier| ownership::loses(&earlier, &outcome.record)) {
             Some(what) => Err(ownership::refuse(folder, &what).into()),
@@ -441,8 +447,8 @@ impl Collecting<'_> {
         }
     }
 
-    /// Draws what variants make of the same images. What fails is a warning: rows and answer are there
-    /// without it.
+    /// Draws what variants make of the same images. What fails leaves the results incomplete: rows and answer
+    /// are there without it.
     fn figures(&self, folder: &Path, notes: &mut Notes) -> Vec<String> {
         let runtime = self.args.runtime.resolve().map_err(CliError::failed);
         let drawn = runtime.and_then(|runtime| {
@@ -450,8 +456,9 @@ impl Collecting<'_> {
             pictures::write(&out, self.set, self.measuring, &runtime).map_err(CliError::from)
         });
         drawn.unwrap_or_else(|error| {
-            notes.warn(format!(
-                "no pictures of what variants make of images: {error}"
+            notes.fail(format!(
+                "no pictures of what variants make of images: {error}; the next `bench study` draws them, and \
+                 --no-figures goes without"
             ));
             Vec::new()
         })

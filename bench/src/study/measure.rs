@@ -5,12 +5,13 @@
 //! that this brings: self-test, leakage, journal, resuming. What was measured is kept while model, set,
 //! rules, threads and version stay the same, so machines that share a disk can measure a run each.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use strat_metrics::{Row, tables::ThesisTable};
 use strat_splits::Role;
 use strat_store::{
-    claim,
+    claim, files,
     inputs::{self, Kind},
     set::{Content, PreparedSet, Sample},
     yaml,
@@ -23,7 +24,7 @@ use super::{
 use crate::{
     draw::comparison,
     evaluate::{
-        NamedFile,
+        NamedFile, journal,
         plan::{self, Plan, TableChoice},
         record::{FAILURES, Failure, Outcome, RECORD, ROWS, RunRecord, TOOL_VERSION},
         request::{Request, RunError},
@@ -180,12 +181,17 @@ impl<'a> OnSet<'a> {
         self.folder().join(MEASURED).join(run.name())
     }
 
-    /// Whether the model of a finished run was measured as it would be now. What cannot be read is
-    /// measured again, and named then.
+    /// Whether the model of a finished run was measured as it would be now, and nothing is left of the work.
+    /// What cannot be read is measured again, and named then.
     #[must_use]
     pub fn is_measured(&self, run: &StudyRun) -> bool {
-        let path = self.folder_of(run).join(RECORD);
-        if !path.is_file() {
+        let folder = self.folder_of(run);
+        let path = folder.join(RECORD);
+        // The journals of a run that was killed while it took them away; they are read, and taken away then.
+        let is_left = |name: &OsString| name.to_string_lossy().starts_with(journal::PREFIX);
+        if !path.is_file()
+            || !files::names_in(&folder).is_ok_and(|names| !names.iter().any(is_left))
+        {
             return false;
         }
         let Ok(record) = yaml::load::<RunRecord>(&path) else {

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use strat_geometry::{DepthAxis, parse_velodyne, velodyne_depth};
+use strat_geometry::{DepthAxis, ScanError, parse_velodyne, velodyne_depth};
 
 fuzz_target!(|data: &[u8]| {
     // Two bytes of image size, then a projection of 12 numbers, then the scan.
@@ -19,9 +19,13 @@ fuzz_target!(|data: &[u8]| {
         .iter()
         .map(|bytes| f64::from(f32::from_le_bytes(*bytes)));
     let projection = [[(); 4]; 3].map(|row| row.map(|()| numbers.next().unwrap_or_default()));
-    let Ok(points) = parse_velodyne(scan) else {
-        assert!(scan.is_empty() || scan.len() % 16 != 0);
-        return;
+    let points = match parse_velodyne(scan) {
+        Ok(points) => points,
+        Err(ScanError::NoReflectance { .. }) => return,
+        Err(_) => {
+            assert!(scan.is_empty() || scan.len() % 16 != 0);
+            return;
+        }
     };
     for axis in [DepthAxis::VelodyneX, DepthAxis::CameraZ] {
         let depth_m = velodyne_depth(&points, &projection, width, height, axis);
