@@ -143,6 +143,43 @@ fn finished_runs_become_an_answer_and_are_measured_once() {
     assert!(read(&results.join("answer.txt")).contains("3 seeds"));
 }
 
+/// As after a kill at each of the moments that leave something which the next run could stumble over.
+#[test]
+fn what_an_interruption_left_is_gone_on_with() {
+    let world = World::new(Split::Kitti, IMAGES, false);
+    let folder = study(&world, "study", &ALL);
+    let out = world.path("out");
+    let results = out.join("kitti");
+    let again = || bench_study(&[&folder], &out, &[]);
+    again().code(0);
+    let whole = files(&out);
+    // A run was measured, and what was kept of the work not yet taken away.
+    let measured = results.join("measured").join("strat@1");
+    let left = measured.join("unfinished-run.yaml");
+    fs::copy(measured.join("run.yaml"), &left).unwrap();
+    again().code(0).says("measuring strat@1 on kitti (1 of 1)");
+    assert!(!left.exists());
+    assert_eq!(files(&out), whole);
+    // The first collection had written rows, and neither the record of the rows nor its own.
+    let begun = results.join("unfinished-study-results.yaml");
+    fs::rename(results.join("study-results.yaml"), &begun).unwrap();
+    fs::remove_file(results.join("run.yaml")).unwrap();
+    fs::remove_file(results.join("answer.txt")).unwrap();
+    again().code(0);
+    assert!(!begun.exists() && results.join("run.yaml").exists());
+    assert_eq!(files(&out), whole);
+    // A picture that cannot be written.
+    let picture = results.join("figures").join("comparison.svg");
+    fs::remove_file(&picture).unwrap();
+    fs::create_dir(&picture).unwrap();
+    again()
+        .code(1)
+        .says("no pictures of what variants make of images");
+    fs::remove_dir(&picture).unwrap();
+    again().code(0);
+    assert_eq!(files(&out), whole);
+}
+
 #[test]
 fn folders_of_two_machines_give_what_one_gives() {
     let world = World::new(Split::Kitti, IMAGES, false);
