@@ -254,6 +254,7 @@ fn grows(name: &Path) -> bool {
         || text.ends_with("failures.csv")
         // They say which of the images were drawn, or that some failed.
         || text.ends_with("pictures.csv") || text.ends_with("predict.yaml")
+        || text.ends_with("study-results.yaml")
 }
 
 /// Lines of records that say when and how something ran.
