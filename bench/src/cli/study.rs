@@ -6,7 +6,6 @@ use clap::Args;
 use serde::Serialize;
 use strat_metrics::Metric;
 use strat_store::{
-    claim::Found,
     command::{CliError, DONE, FAILED, print},
     yaml,
 };
@@ -386,6 +385,9 @@ impl Collecting<'_> {
         for sentence in measure::mixed(&outcome.rows) {
             notes.warn(sentence);
         }
+        // The rows have a mark of their own, which comes first: rows beside the answer's alone would look like
+        // somebody else's after a kill.
+        ownership::MARK.begin(&folder)?;
         MARK.begin(&folder)?;
         MARK.reopen(&folder)?;
         outcome.write(&folder)?;
@@ -433,11 +435,6 @@ impl Collecting<'_> {
     /// Makes sure that no result of an earlier collection is lost.
     fn check_replacement(&self, folder: &Path, outcome: &Outcome) -> Result<(), StudyError> {
         if self.args.replace.force {
-            return Ok(());
-        }
-        // A first collection that was interrupted among its files left no results that could be lost.
-        let found = MARK.examine(folder, &[])?;
-        if found == Found::Begun && !folder.join(ownership::MARK.record).exists() {
             return Ok(());
         }
         let earlier = ownership::earlier_results(folder, &[])?;

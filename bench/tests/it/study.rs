@@ -163,10 +163,12 @@ fn what_an_interruption_left_is_gone_on_with() {
     // The first collection had written rows, and neither the record of the rows nor its own.
     let begun = results.join("unfinished-study-results.yaml");
     fs::rename(results.join("study-results.yaml"), &begun).unwrap();
-    fs::remove_file(results.join("run.yaml")).unwrap();
+    let rows_begun = results.join("unfinished-run.yaml");
+    fs::rename(results.join("run.yaml"), &rows_begun).unwrap();
+    fs::write(&rows_begun, "tool: bench\n").unwrap();
     fs::remove_file(results.join("answer.txt")).unwrap();
     again().code(0);
-    assert!(!begun.exists() && results.join("run.yaml").exists());
+    assert!(!begun.exists() && !rows_begun.exists() && results.join("run.yaml").exists());
     assert_eq!(files(&out), whole);
     // A picture that cannot be written.
     let picture = results.join("figures").join("comparison.svg");

@@ -13,7 +13,8 @@
 //! threshold. Everything after that is double precision.
 //!
 //! `truth` is what is known of an image, `scene` what a pixel is, `pixels` which ones count, `alignment` the
-//! fit, `score` the steps, `scratch` what several protocols need not find twice. Not here: flip post-processing, see [`flip_blend`](crate::flip_blend).
+//! fit, `score` the steps, `scratch` what several protocols need not find twice. Not here: flip post-processing,
+//! see [`flip_blend`](crate::flip_blend).
 
 #[cfg(test)]
 mod aligned_tests;

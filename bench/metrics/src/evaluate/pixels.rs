@@ -130,8 +130,18 @@ impl Scene<'_> {
             {
                 // First the fractions, from wherever they lie, then many at a time what they mean.
                 let disparities_px = &mut pixels.disparities_px[first..];
-                for (fraction, place) in disparities_px.iter_mut().zip(&pixels.places[first..]) {
-                    *fraction = values[at(place)];
+                let places = &pixels.places[first..];
+                match (self.places, places) {
+                    (Places::Measured, [from, .., to])
+                        if (to - from) as usize + 1 == places.len() =>
+                    {
+                        disparities_px.copy_from_slice(&values[*from as usize..=*to as usize]);
+                    }
+                    _ => {
+                        for (fraction, place) in disparities_px.iter_mut().zip(places) {
+                            *fraction = values[at(place)];
+                        }
+                    }
                 }
                 let predicted = pixels.values[first..].iter_mut();
                 let predicted = predicted.zip(&mut pixels.floored[first..]);
@@ -180,8 +190,8 @@ impl Scene<'_> {
         }
     }
 
-    /// Which pixels count is as good as chance to the processor, so each is written down and the next one
-    /// written over those that do not.
+    /// In most places all count, which is seen of several at a time. Where not, which ones do is as good as
+    /// chance to the processor, so each is written down and the next one written over those that do not.
     fn list_depths(
         &self,
         start: usize,
@@ -190,18 +200,32 @@ impl Scene<'_> {
         places: &mut Vec<u32>,
         truth_m: &mut Vec<f64>,
     ) {
+        const PIECE: usize = 16;
         let [nearest_m, farthest_m] = self.counted_m;
-        let mut count = places.len();
-        places.resize(count + measured.len(), 0);
-        truth_m.resize(count + measured.len(), 0.0);
-        for (place, value) in (start as u32..).zip(measured) {
-            let depth_m = depth_m(f64::from(*value));
-            places[count] = place;
-            truth_m[count] = depth_m;
-            let counts = (*value != 0.0) & (depth_m >= nearest_m) & (depth_m <= farthest_m);
-            count += usize::from(counts);
+        let counts = |value: f32, depth_m: f64| {
+            (value != 0.0) & (depth_m >= nearest_m) & (depth_m <= farthest_m)
+        };
+        let mut depths_m = [0.0; PIECE];
+        for (first, piece) in (start..).step_by(PIECE).zip(measured.chunks(PIECE)) {
+            let depths_m = &mut depths_m[..piece.len()];
+            let mut all_count = true;
+            for (found, value) in depths_m.iter_mut().zip(piece) {
+                *found = depth_m(f64::from(*value));
+                all_count &= counts(*value, *found);
+            }
+            let mut count = places.len();
+            places.extend(first as u32..(first + piece.len()) as u32);
+            truth_m.extend_from_slice(depths_m);
+            if all_count {
+                continue;
+            }
+            for (place, (value, depth_m)) in (first as u32..).zip(piece.iter().zip(&*depths_m)) {
+                places[count] = place;
+                truth_m[count] = *depth_m;
+                count += usize::from(counts(*value, *depth_m));
+            }
+            places.truncate(count);
+            truth_m.truncate(count);
         }
-        places.truncate(count);
-        truth_m.truncate(count);
     }
 }

@@ -133,7 +133,7 @@ impl<'a> Scene<'a> {
             focal_baseline,
             min_depth_m,
             max_depth_m,
-            counted_m: counted_m(protocol),
+            counted_m: counted_m(protocol, [min_depth_m, max_depth_m].map(f64::from)),
             shown,
             crop,
         };
@@ -281,11 +281,8 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// The nearest and the farthest true depth that counts.
-fn counted_m(protocol: &Protocol) -> [f64; 2] {
-    // As the reference sees them beside depth of single precision.
-    let [min, max] =
-        [protocol.min_depth_m, protocol.max_depth_m].map(|limit| f64::from(limit as f32));
+/// The nearest and the farthest true depth that counts between the protocol's limits.
+fn counted_m(protocol: &Protocol, [min, max]: [f64; 2]) -> [f64; 2] {
     match (protocol.mask_ground_truth, protocol.strict_comparisons) {
         (false, _) => [0.0_f64.next_up(), f64::INFINITY],
         (true, true) => [min.next_up(), max.next_down()],

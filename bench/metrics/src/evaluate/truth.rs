@@ -104,34 +104,11 @@ impl GroundTruth {
         }
     }
 
-    /// Nineteen of twenty pixels have nothing, and finding the others is what takes time: which ones have
-    /// something becomes a bit each, for many pixels at a time, and then a position for each bit, as many
-    /// for every piece as few pieces exceed, because a guess of how many there are fails. Says whether every
-    /// value is a measurement or none. `positions` is room for those of a row.
+    /// Adds what a row has. Says whether every value is a measurement or none. `positions` is room for those of
+    /// a row.
     fn find_in_row(&mut self, row: &[f32], start: usize, positions: &mut Vec<u32>) -> bool {
-        const FEW: usize = 8;
         positions.resize(row.len() + FEW, 0);
-        let mut count = 0;
-        for (first, piece) in (0..).step_by(PIECE).zip(row.chunks(PIECE)) {
-            let mut bits = bits_of_measured(piece);
-            // The sky has none, row after row.
-            if bits == 0 {
-                continue;
-            }
-            let end = count + bits.count_ones() as usize;
-            let mut next = || {
-                let position = first + bits.trailing_zeros();
-                bits &= bits.wrapping_sub(1);
-                position
-            };
-            for position in &mut positions[count..count + FEW] {
-                *position = next();
-            }
-            for position in positions.iter_mut().take(end).skip(count + FEW) {
-                *position = next();
-            }
-            count = end;
-        }
+        let count = find(row, positions);
         let positions = &positions[..count];
         let known = self.depth_m.len();
         self.measured
@@ -198,19 +175,106 @@ impl GroundTruth {
 /// Pixels that are looked through at a time.
 const PIECE: usize = 64;
 
-/// A bit for each pixel of a piece, set where there is something.
-fn bits_of_measured(piece: &[f32]) -> u64 {
-    let mut found = [0_u8; PIECE];
-    for (found, value) in found.iter_mut().zip(piece) {
-        *found = u8::from(*value != 0.0);
+/// What few pieces have more of.
+const FEW: usize = 8;
+
+/// Writes down where a row has something, into room for as many as it has and [`FEW`] more. Says how many
+/// positions there are.
+fn find(row: &[f32], positions: &mut [u32]) -> usize {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(simd) = pulp::x86::V3::try_new() {
+        return simd.vectorize(x86::Find {
+            simd,
+            row,
+            positions,
+        });
     }
-    let mut bits = 0;
-    for (eight, bytes) in found.as_chunks().0.iter().enumerate() {
-        // The product gathers the lowest bit of each byte in the highest byte.
-        let of_eight = u64::from_le_bytes(*bytes).wrapping_mul(0x0102_0408_1020_4080) >> 56;
-        bits |= of_eight << (8 * eight);
+    find_with(OneByOne, row, positions)
+}
+
+/// Nineteen of twenty pixels have nothing, and finding the others is what takes time: which ones have
+/// something becomes a bit each, for many pixels at a time, and then a position for each bit, as many for every
+/// piece as few pieces exceed, because a guess of how many there are fails.
+#[inline(always)]
+fn find_with(measured: impl Measured, row: &[f32], positions: &mut [u32]) -> usize {
+    let mut count = 0;
+    for (first, piece) in (0..).step_by(PIECE).zip(row.chunks(PIECE)) {
+        let mut bits = measured.bits(piece);
+        // The sky has none, row after row.
+        if bits == 0 {
+            continue;
+        }
+        let end = count + bits.count_ones() as usize;
+        let mut next = || {
+            let position = first + bits.trailing_zeros();
+            bits &= bits.wrapping_sub(1);
+            position
+        };
+        for position in &mut positions[count..count + FEW] {
+            *position = next();
+        }
+        for position in positions.iter_mut().take(end).skip(count + FEW) {
+            *position = next();
+        }
+        count = end;
     }
-    bits
+    count
+}
+
+/// Which pixels have something.
+trait Measured {
+    /// A bit for each of at most [`PIECE`] pixels.
+    fn bits(&self, piece: &[f32]) -> u64;
+}
+
+struct OneByOne;
+
+impl Measured for OneByOne {
+    #[inline(always)]
+    fn bits(&self, piece: &[f32]) -> u64 {
+        let values = piece.iter().rev();
+        values.fold(0, |bits, value| bits << 1 | u64::from(*value != 0.0))
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use std::arch::x86_64::_CMP_NEQ_UQ;
+
+    use super::{Measured, OneByOne, find_with};
+
+    /// Eight pixels at a time.
+    struct EightAtATime(pulp::x86::V3);
+
+    impl Measured for EightAtATime {
+        #[inline(always)]
+        fn bits(&self, piece: &[f32]) -> u64 {
+            let avx = self.0.avx;
+            let (eights, rest) = piece.as_chunks::<8>();
+            let mut bits = OneByOne.bits(rest);
+            for eight in eights.iter().rev() {
+                let found =
+                    avx._mm256_cmp_ps::<_CMP_NEQ_UQ>(pulp::cast(*eight), avx._mm256_setzero_ps());
+                bits = bits << 8 | u64::from(avx._mm256_movemask_ps(found) as u32);
+            }
+            bits
+        }
+    }
+
+    pub(super) struct Find<'a> {
+        pub(super) simd: pulp::x86::V3,
+        pub(super) row: &'a [f32],
+        pub(super) positions: &'a mut [u32],
+    }
+
+    impl pulp::NullaryFnOnce for Find<'_> {
+        type Output = usize;
+
+        #[inline(always)]
+        fn call(self) -> usize {
+            find_with(EightAtATime(self.simd), self.row, self.positions)
+        }
+    }
 }
 
 pub(super) fn check_size(
