@@ -246,12 +246,7 @@ fn tile<I: Isa, const HEIGHT: usize, const VECTORS: usize>(
     let mut sums = [[ops.zero(); VECTORS]; HEIGHT];
     let panel = right.chunks_exact(VECTORS * lanes).take(depth);
     for (k, right) in panel.enumerate() {
-        let mut vectors = [ops.zero(); VECTORS];
-        for vector in 0..VECTORS {
-            // Of as many elements as a vector has. A plain load would check its pointer in builds with
-            // debug assertions, which takes longer than the products.
-            (vectors[vector], _) = ops.load_pad(&right[vector * lanes..(vector + 1) * lanes]);
-        }
+        let vectors: [I::F32; VECTORS] = ops.load_many(right);
         for row in 0..HEIGHT {
             let value = ops.splat(left[row][k]);
             for vector in 0..VECTORS {
@@ -282,10 +277,7 @@ fn tile_in_place<I: Isa, const HEIGHT: usize, const VECTORS: usize>(
     let starts = &right.starts[depth];
     for (k, start) in starts.iter().take(DEPTH).enumerate() {
         let line = &right.values[start + right.offset..][..VECTORS * lanes];
-        let mut vectors = [ops.zero(); VECTORS];
-        for vector in 0..VECTORS {
-            (vectors[vector], _) = ops.load_pad(&line[vector * lanes..(vector + 1) * lanes]);
-        }
+        let vectors: [I::F32; VECTORS] = ops.load_many(line);
         for row in 0..HEIGHT {
             let value = ops.splat(left[row][k]);
             for vector in 0..VECTORS {
@@ -317,7 +309,7 @@ fn put<I: Isa, const HEIGHT: usize, const VECTORS: usize>(
             let part = &mut line[vector * lanes..(vector + 1) * lanes];
             let sum = match over {
                 true => sums[row][vector],
-                false => ops.add(ops.load_pad(part).0, sums[row][vector]),
+                false => ops.add(ops.load(part), sums[row][vector]),
             };
             ops.store(sum, part);
         }
