@@ -50,8 +50,9 @@ impl<'a> Log<'a> {
             .collect();
         let diagnostics = diagnostics.iter().map(String::as_str);
         let diagnostics: Vec<&str> = ["step", "epoch"].into_iter().chain(diagnostics).collect();
-        // A run that was stopped within an epoch was validated there; going on, it was not.
-        let of_epoch = |step| step < first && timeline.closes_epoch(step);
+        // A run that ended within an epoch was validated there; going on, it was not.
+        let stays = |step| first == timeline.end && step + 1 == first;
+        let of_epoch = |step| step < first && (timeline.closes_epoch(step) || stays(step));
         let mut events = EventWriter::create(&folder.path(EVENTS), first)?;
         events.text(first, "configuration", &config.to_yaml()?)?;
         Ok(Self {

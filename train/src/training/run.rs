@@ -136,11 +136,13 @@ pub fn run(options: &Options) -> Result<Outcome> {
         ));
     }
 
-    let timeline = Timeline::new(config, pairs.count());
+    let mut timeline = Timeline::new(config, pairs.count());
+    let done = resumed.as_ref();
+    let done = done.map_or(0, |checkpoint| checkpoint.state.step);
+    // Whatever `max_steps` says now, steps that were taken are not taken back.
+    timeline.end = timeline.end.max(done);
     let state = State::new(
-        resumed
-            .as_ref()
-            .map_or(0, |checkpoint| checkpoint.state.step),
+        done,
         timeline.steps_per_epoch,
         config_digest,
         data_digest,

@@ -37,7 +37,7 @@ impl Session<'_> {
             options, timeline, ..
         } = self;
         let config = &options.config;
-        let first = self.state.step.min(timeline.end);
+        let first = self.state.step;
         let per_step = (config.batch * config.accumulate) as u64;
         let plan = BatchPlan {
             seed: config.seed,

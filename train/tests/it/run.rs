@@ -95,6 +95,29 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
     }
 }
 
+/// Killed after its last checkpoint, or typed once more.
+#[test]
+fn a_run_that_is_done_loses_nothing_when_it_is_resumed() {
+    let folder = set();
+    let tables = ["scalars.csv", "validation.csv", "diagnostics.csv"];
+    // Within an epoch and at the end of one.
+    for steps in [5, 6] {
+        let mut run = options(folder.path(), &format!("run-{steps}"), &[]);
+        run.config.max_steps = Some(steps);
+        go(&run);
+        let before = tables.map(|name| bytes(&run.out, name));
+        let model = bytes(&run.out, "model.onnx");
+        std::fs::remove_file(run.out.join("model.onnx")).unwrap();
+        run.resume = true;
+        for limit in [steps, 2] {
+            run.config.max_steps = Some(limit);
+            assert_eq!(go(&run).steps, steps);
+            assert!(tables.map(|name| bytes(&run.out, name)) == before);
+            assert!(bytes(&run.out, "model.onnx") == model);
+        }
+    }
+}
+
 #[test]
 fn a_damaged_checkpoint_costs_steps_but_not_the_result() {
     let folder = set();
