@@ -323,3 +323,34 @@ pub(super) fn first_unusable(values: &[f32], usable: impl Fn(f32) -> bool) -> Op
     }
     values.iter().position(|value| !usable(*value))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows of any length, with and without vector units.
+    #[test]
+    fn measured_pixels_are_found_in_every_place() {
+        for length in 0..200_usize {
+            for one_in in [1, 2, 7, 50, usize::MAX] {
+                let is_measured =
+                    |index: &usize| (index * index + index / 3).is_multiple_of(one_in);
+                let value = |index: usize| match is_measured(&index) {
+                    true => 0.5 + index as f32,
+                    // No less nothing than without the sign.
+                    false => [0.0, -0.0][index % 2],
+                };
+                let row: Vec<f32> = (0..length).map(value).collect();
+                let expected: Vec<u32> = (0..length)
+                    .filter(|&index| row[index] != 0.0)
+                    .map(|index| index as u32)
+                    .collect();
+                let mut positions = vec![0; length + FEW];
+                let count = find(&row, &mut positions);
+                assert_eq!(positions[..count], expected, "{length}, one in {one_in}");
+                let count = find_with(OneByOne, &row, &mut positions);
+                assert_eq!(positions[..count], expected, "{length}, one in {one_in}");
+            }
+        }
+    }
+}
