@@ -51,8 +51,8 @@ impl<'a> Log<'a> {
         let diagnostics = diagnostics.iter().map(String::as_str);
         let diagnostics: Vec<&str> = ["step", "epoch"].into_iter().chain(diagnostics).collect();
         // A run that ended within an epoch was validated there; going on, it was not.
-        let stays = |step| first == timeline.end && step + 1 == first;
-        let of_epoch = |step| step < first && (timeline.closes_epoch(step) || stays(step));
+        let is_closed = |step| timeline.closes_epoch(step) || timeline.is_last(step);
+        let of_epoch = |step| step < first && is_closed(step);
         let mut events = EventWriter::create(&folder.path(EVENTS), first)?;
         events.text(first, "configuration", &config.to_yaml()?)?;
         Ok(Self {
