@@ -16,6 +16,10 @@ use clap::Parser;
 use strat_bench::runtime::install::{Availability, ensure_runtime};
 use strat_tests::steps::Plan;
 
+/// As the three commands have it.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Renders a street world, prepares it, trains, exports and evaluates.
 #[derive(Debug, Parser)]
 #[command(name = "cargo demo", version)]

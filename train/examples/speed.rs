@@ -22,6 +22,10 @@ use strat_train::network::layers::{
 };
 use strat_train::training::trainer::adam;
 
+/// As `train` does.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 const RUNS: usize = 4;
 
 fn best(mut work: impl FnMut()) -> f64 {

@@ -7,6 +7,10 @@ use strat_train::device::DeviceChoice;
 use strat_train::training::schedule::Timeline;
 use strat_train::training::trainer::Trainer;
 
+/// As `train` has it.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Bytes of memory that this process holds.
 fn resident() -> f64 {
     let text = std::fs::read_to_string("/proc/self/statm").unwrap();

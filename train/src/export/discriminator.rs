@@ -3,17 +3,17 @@
 //! Input `patches` `[N, 3, patch, patch]` in 0..1, output `logits` `[N, 1, g, g]`, without dropout, as no
 //! training pass was. The file appears only where the embedded runtime gives the logits of burn.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
-use strat_onnx::embedded::{EmbeddedError, EmbeddedSession};
+use strat_onnx::embedded::EmbeddedSession;
 use strat_onnx::graph::{Geometry, GraphBuilder, GraphError, Value};
 use strat_onnx::metadata::{DiscriminatorMetadata, probe_image};
 
-use super::{RANDOM_PICTURES, filter, largest_of_runs, random_pictures};
+use super::{ExportError, RANDOM_PICTURES, accept, filter, largest_of_runs, random_pictures};
 use crate::kernels::activation::LEAK;
-use crate::network::discriminator::{Discriminator, Layers, SMALLEST_PATCH};
+use crate::network::discriminator::{Discriminator, Layers};
 use crate::network::layers::{Convolution, InstanceNorm, values_of};
 
 /// Largest difference of a logit between burn and the written file that is accepted. Instance
@@ -22,38 +22,6 @@ pub const TOLERANCE: f64 = 1e-3;
 
 const INPUT: &str = "patches";
 const OUTPUT: &str = "logits";
-
-/// Why a discriminator was not written.
-#[derive(Debug, thiserror::Error)]
-pub enum DiscriminatorError {
-    /// The patches are too small for it.
-    #[error("patches of {patch} px are smaller than the {SMALLEST_PATCH} px a discriminator needs")]
-    Patch {
-        /// Side in pixels.
-        patch: u32,
-    },
-    /// The graph could not be built.
-    #[error(transparent)]
-    Graph(#[from] GraphError),
-    /// The embedded runtime refused the graph.
-    #[error(transparent)]
-    Run(#[from] EmbeddedError),
-    /// Runtime and training disagree.
-    #[error(
-        "the logits of the exported discriminator differ from the trained one's by {difference:e}, more \
-         than {TOLERANCE:e} is not accepted; {} was not written",
-        path.display()
-    )]
-    Parity {
-        /// Largest difference; infinite where one of them is not a number.
-        difference: f64,
-        /// Where the file would have been.
-        path: PathBuf,
-    },
-    /// The file could not be written.
-    #[error(transparent)]
-    Write(#[from] strat_store::Error),
-}
 
 /// Writes `discriminator` to `path` for patches of the size in `metadata`, whose fields `parity` and
 /// `expected` are filled here. Returns the parity: the largest difference of a logit between burn and the
@@ -66,11 +34,11 @@ pub fn export(
     discriminator: &Discriminator,
     metadata: &DiscriminatorMetadata,
     path: &Path,
-) -> Result<f64, DiscriminatorError> {
+) -> Result<f64, ExportError> {
     let discriminator = discriminator.valid();
     let patch = metadata.patch as usize;
     if Discriminator::grid(patch).is_none() {
-        return Err(DiscriminatorError::Patch {
+        return Err(ExportError::Patch {
             patch: metadata.patch,
         });
     }
@@ -91,12 +59,8 @@ pub fn export(
         [patch, patch],
         [(&probe, 1, &logits), (&random, RANDOM_PICTURES, &of_random)],
     )?;
-    if parity.is_nan() || parity > TOLERANCE {
-        return Err(DiscriminatorError::Parity {
-            difference: parity,
-            path: path.to_owned(),
-        });
-    }
+    let what = "the logits of the exported discriminator differ from the trained one's";
+    accept(parity, TOLERANCE, what, path)?;
     metadata.parity = parity;
     strat_store::files::write_atomic(path, &model_bytes(&discriminator, &metadata)?)?;
     Ok(parity)
@@ -230,10 +194,7 @@ mod tests {
         network.last.bias = Param::from_tensor(Tensor::full([1], f32::NAN, &device));
         let path = folder.path().join("broken.onnx");
         let error = export(&network, &metadata(64), &path).expect_err("refused");
-        assert!(
-            matches!(error, DiscriminatorError::Parity { .. }),
-            "{error}"
-        );
+        assert!(matches!(error, ExportError::Parity { .. }), "{error}");
         assert!(!path.exists());
     }
 }

@@ -23,6 +23,7 @@ use strat_onnx::embedded::{EmbeddedError, EmbeddedSession};
 use strat_onnx::graph::{Dim, Filter, Geometry, GraphBuilder, GraphError, Value};
 use strat_onnx::metadata::{ModelMetadata, Probe, ProbeError, probe_image};
 
+use crate::network::discriminator::SMALLEST_PATCH;
 use crate::network::generator::{Generator, SIZE_MULTIPLE};
 use crate::network::layers::{
     Convolution, LayerWeights, Ops, TransposedConvolution, unit_interval, values_of,
@@ -35,7 +36,7 @@ pub const TOLERANCE: f64 = 1e-4;
 /// Random pictures that are compared besides the closed-form one.
 const RANDOM_PICTURES: usize = 2;
 
-/// Why a model was not written.
+/// Why a network was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The size in the metadata is not one the network can take.
@@ -60,13 +61,22 @@ pub enum ExportError {
         "the network's output cannot be recorded: {0}; train it again or take an earlier checkpoint"
     )]
     Probe(#[from] ProbeError),
+    /// The patches are too small for a discriminator.
+    #[error("patches of {patch} px are smaller than the {SMALLEST_PATCH} px a discriminator needs")]
+    Patch {
+        /// Side in pixels.
+        patch: u32,
+    },
     /// Runtime and training disagree.
     #[error(
-        "the exported model differs from the trained network by {difference:e} of the image width, \
-         more than {TOLERANCE:e} is not accepted; {} was not written",
+        "{what} by {difference:e}, more than {tolerance:e} is not accepted; {} was not written",
         path.display()
     )]
     Parity {
+        /// What differs from what, in which unit.
+        what: &'static str,
+        /// What would be accepted.
+        tolerance: f64,
         /// Largest difference; infinite where one of them is not a number.
         difference: f64,
         /// Where the file would have been.
@@ -92,12 +102,9 @@ pub fn export(
     // Without autodiff: a forward pass that is never followed by a backward pass keeps its memory.
     let generator = generator.valid();
     let (mut metadata, parity) = compare(&generator, metadata, &path.display().to_string())?;
-    if parity.is_nan() || parity > TOLERANCE {
-        return Err(ExportError::Parity {
-            difference: parity,
-            path: path.to_owned(),
-        });
-    }
+    let what =
+        "the exported model differs from the trained network, in fractions of the image width,";
+    accept(parity, TOLERANCE, what, path)?;
     metadata.parity = Some(parity);
     strat_store::files::write_atomic(path, &model_bytes(&generator, &metadata)?)?;
     Ok(parity)
@@ -110,6 +117,24 @@ pub fn export(
 pub fn parity(generator: &Generator, metadata: &ModelMetadata) -> Result<f64, ExportError> {
     let (_, parity) = compare(&generator.valid(), metadata, "the exported model")?;
     Ok(parity)
+}
+
+/// Refuses a difference above `tolerance`, and one that is not a number.
+fn accept(
+    difference: f64,
+    tolerance: f64,
+    what: &'static str,
+    path: &Path,
+) -> Result<(), ExportError> {
+    if difference <= tolerance {
+        return Ok(());
+    }
+    Err(ExportError::Parity {
+        what,
+        tolerance,
+        difference,
+        path: path.to_owned(),
+    })
 }
 
 /// The metadata with its probe, and the largest difference between burn and the embedded runtime;

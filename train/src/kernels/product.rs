@@ -54,6 +54,16 @@ pub(super) struct InPlace<'a> {
     pub offset: usize,
 }
 
+impl<'a> InPlace<'a> {
+    /// The first `width` of the columns in these rows.
+    #[inline(always)]
+    fn lines(&self, rows: Range<usize>, width: usize) -> impl Iterator<Item = &'a [f32]> {
+        let (values, offset) = (self.values, self.offset);
+        let line = move |start: &usize| &values[start + offset..][..width];
+        self.starts[rows].iter().map(line)
+    }
+}
+
 /// A matrix in memory, row after row.
 pub(super) struct Dense<'a> {
     pub values: &'a [f32],
@@ -208,8 +218,8 @@ impl<L: Left, R: Right, F: FnMut(usize, &mut [f32])> Product<'_, L, R, F> {
                         let left = left.chunks_exact(HEIGHT * DEPTH);
                         for (left, product) in left.zip(product.chunks_exact_mut(HEIGHT * stride)) {
                             let sums: [[I::F32; VECTORS]; HEIGHT] = match &in_place {
-                                None => tile(isa, left, right, depth.len()),
-                                Some(right) => tile_in_place(isa, left, right, depth.clone()),
+                                None => tile(isa, left, right.chunks_exact(width)),
+                                Some(right) => tile(isa, left, right.lines(depth.clone(), width)),
                             };
                             let product = &mut product[number * width..];
                             put(isa, sums, product, stride, depth.start == 0);
@@ -224,60 +234,25 @@ impl<L: Left, R: Right, F: FnMut(usize, &mut [f32])> Product<'_, L, R, F> {
     }
 }
 
-/// Products of `HEIGHT` rows of a left block, [`DEPTH`] elements each, with a right panel, summed over
-/// the first `depth` elements.
+/// Products of `HEIGHT` rows of a left block, [`DEPTH`] elements each, with the rows of a right panel, summed over
+/// all of those.
 #[inline(always)]
 #[allow(
     clippy::needless_range_loop,
     reason = "with iterators the sums leave the registers"
 )]
-fn tile<I: Isa, const HEIGHT: usize, const VECTORS: usize>(
+fn tile<'a, I: Isa, const HEIGHT: usize, const VECTORS: usize>(
     isa: I,
     left: &[f32],
-    right: &[f32],
-    depth: usize,
+    right: impl Iterator<Item = &'a [f32]>,
 ) -> [[I::F32; VECTORS]; HEIGHT] {
     let ops = isa.f32();
-    let lanes = ops.len();
     let (left, _) = left.as_chunks::<DEPTH>();
     let left: &[[f32; DEPTH]; HEIGHT] = left.try_into().expect("a block has the rows of a tile");
+    let mut sums = [[ops.zero(); VECTORS]; HEIGHT];
     // Of a known number: the loop checks no bounds.
-    let depth = depth.min(DEPTH);
-    let mut sums = [[ops.zero(); VECTORS]; HEIGHT];
-    let panel = right.chunks_exact(VECTORS * lanes).take(depth);
-    for (k, right) in panel.enumerate() {
+    for (k, right) in right.take(DEPTH).enumerate() {
         let vectors: [I::F32; VECTORS] = ops.load_many(right);
-        for row in 0..HEIGHT {
-            let value = ops.splat(left[row][k]);
-            for vector in 0..VECTORS {
-                sums[row][vector] = ops.mul_add(value, vectors[vector], sums[row][vector]);
-            }
-        }
-    }
-    sums
-}
-
-/// The same with a right side that lies elsewhere.
-#[inline(always)]
-#[allow(
-    clippy::needless_range_loop,
-    reason = "with iterators the sums leave the registers"
-)]
-fn tile_in_place<I: Isa, const HEIGHT: usize, const VECTORS: usize>(
-    isa: I,
-    left: &[f32],
-    right: &InPlace,
-    depth: Range<usize>,
-) -> [[I::F32; VECTORS]; HEIGHT] {
-    let ops = isa.f32();
-    let lanes = ops.len();
-    let (left, _) = left.as_chunks::<DEPTH>();
-    let left: &[[f32; DEPTH]; HEIGHT] = left.try_into().expect("a block has the rows of a tile");
-    let mut sums = [[ops.zero(); VECTORS]; HEIGHT];
-    let starts = &right.starts[depth];
-    for (k, start) in starts.iter().take(DEPTH).enumerate() {
-        let line = &right.values[start + right.offset..][..VECTORS * lanes];
-        let vectors: [I::F32; VECTORS] = ops.load_many(line);
         for row in 0..HEIGHT {
             let value = ops.splat(left[row][k]);
             for vector in 0..VECTORS {

@@ -26,6 +26,7 @@ use serde::{Deserialize, Serialize};
 use crate::kernels::activation::{Activation, activate};
 use crate::kernels::conv::Convolving;
 use crate::kernels::norm::normalise;
+use crate::kernels::pool::largest_of_windows;
 use crate::network::initial_weights::{InitialWeights, Parameter};
 
 /// Multiplier on the number of channels of a network, as an exact fraction; `1` is full width.
@@ -656,10 +657,7 @@ impl Ops for TensorOps {
     }
 
     fn max_pool(&mut self, input: Tensor<4>) -> Tensor<4> {
-        // The reference pads with zeros before it pools; the pool's own padding would not count.
-        // Of the even sizes that occur, the last padded row and column lie outside every window.
-        let padded = input.pad([(1, 0), (1, 0)], PadMode::Constant(0.0));
-        max_pool2d(padded, MaxPoolOptions::new([3, 3]).with_stride([2, 2]))
+        largest_of_windows(&input).unwrap_or_else(|| max_pool_by_parts(input))
     }
 
     fn upsample(&mut self, input: Tensor<4>) -> Tensor<4> {
@@ -670,6 +668,14 @@ impl Ops for TensorOps {
                 .with_output_size([2 * height, 2 * width]),
         )
     }
+}
+
+/// [`Ops::max_pool`] in burn's own operations, for every backend.
+fn max_pool_by_parts(input: Tensor<4>) -> Tensor<4> {
+    // The reference pads with zeros before it pools; the pool's own padding would not count.
+    // Of the even sizes that occur, the last padded row and column lie outside every window.
+    let padded = input.pad([(1, 0), (1, 0)], PadMode::Constant(0.0));
+    max_pool2d(padded, MaxPoolOptions::new([3, 3]).with_stride([2, 2]))
 }
 
 #[cfg(test)]
@@ -785,6 +791,44 @@ mod tests {
         assert_eq!(y.dims(), [1, 1, 2, 2]);
         // -1 .. -16 row by row: only the window that starts inside the map has no zero in it.
         assert_eq!(values_of(y), [0.0, 0.0, 0.0, -6.0]);
+    }
+
+    #[test]
+    fn pools_and_their_gradients_equal_those_of_burn() {
+        let device = Device::flex().autodiff();
+        for [height, width] in [[2, 2], [4, 6], [5, 7], [32, 70], [1, 4]] {
+            let shape = [2, 3, height, width];
+            let count = shape.iter().product::<usize>();
+            // Few different numbers: many windows have their largest one twice. Half of them are negative.
+            let mut inputs: Vec<f32> = (0..count)
+                .map(|i| ((i * 7919 + i * i) % 13) as f32 - 6.0)
+                .collect();
+            inputs[count / 2] = f32::NAN;
+            let evaluate = |pool: fn(Tensor<4>) -> Tensor<4>| {
+                let data = TensorData::new(inputs.clone(), shape);
+                let x = Tensor::<4>::from_data(data, &device).require_grad();
+                let y = pool(x.clone());
+                let factors = (0..y.shape().num_elements()).map(|i| (i % 11) as f32 - 4.5);
+                let factors = TensorData::new(factors.collect::<Vec<f32>>(), y.dims());
+                let loss = (y.clone() * Tensor::from_data(factors, &device)).sum();
+                let gradient = x.grad(&loss.backward()).expect("a gradient");
+                let bits = |values: Vec<f32>| values.into_iter().map(f32::to_bits);
+                let plain = values_of(pool(x.inner()));
+                (
+                    bits(values_of(y.inner())).collect::<Vec<_>>(),
+                    bits(plain).collect::<Vec<_>>(),
+                    bits(values_of(gradient)).collect::<Vec<_>>(),
+                )
+            };
+            if height > 1 {
+                let found = evaluate(|x| TensorOps.max_pool(x));
+                assert_eq!(found, evaluate(max_pool_by_parts), "{height}x{width}");
+                assert_eq!(found.0, found.1);
+            } else {
+                let x = Tensor::<4>::zeros(shape, &device);
+                assert!(largest_of_windows(&x).is_none());
+            }
+        }
     }
 
     #[test]

@@ -33,17 +33,17 @@ use crate::training::trainer::Trainer;
 use crate::training::validation::Validation;
 
 /// Bytes of the program itself with its threads and buffers.
-const PROGRAM: f64 = 17e6;
-/// Copies of every weight at the peak of a step: itself, two moments of Adam, and most of the
-/// gradients.
-const COPIES: f64 = 3.6;
+const PROGRAM: f64 = 18e6;
+/// Copies of every weight at the peak of a step: itself, two moments of Adam, the gradients, and what the
+/// allocator keeps of those of the step before.
+const COPIES: f64 = 4.6;
 /// Bytes for each value that the generator computes; many are overwritten by the next operation.
 const PER_VALUE: f64 = 1.4;
 /// Bytes for each value that a discriminator computes.
-const PER_DISCRIMINATED: f64 = 8.0;
+const PER_DISCRIMINATED: f64 = 4.0;
 /// Bytes for each value of the two images in the losses (pyramids, samples, structural terms), and
 /// what the adversarial term adds to that.
-const PER_PIXEL: [f64; 2] = [30.0, 20.0];
+const PER_PIXEL: [f64; 2] = [80.0, 10.0];
 
 /// Predicted bytes of a training step, as a line in the number of pairs per batch.
 #[derive(Clone, Copy, Debug, PartialEq)]
