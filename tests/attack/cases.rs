@@ -213,7 +213,27 @@ pub fn finish(stage: &Stage, case: &Case, whole: &BTreeMap<PathBuf, Vec<u8>>) ->
             ended.stderr.trim()
         ));
     }
-    difference(&results(stage), whole)
+    difference(&without_stops(results(stage), whole), whole)
+}
+
+/// Takes out whole checkpoints that a run without a fault has not: a training that is told to stop writes one where
+/// it is, and keeps it among the newest.
+fn without_stops(
+    mut found: BTreeMap<PathBuf, Vec<u8>>,
+    whole: &BTreeMap<PathBuf, Vec<u8>>,
+) -> BTreeMap<PathBuf, Vec<u8>> {
+    let of_stops: Vec<PathBuf> = found
+        .keys()
+        .filter(|name| name.ends_with("state.json") && !whole.contains_key(*name))
+        .filter_map(|name| name.parent().map(Path::to_path_buf))
+        .filter(|folder| {
+            folder
+                .parent()
+                .is_some_and(|above| above.ends_with("checkpoints"))
+        })
+        .collect();
+    found.retain(|name, _| !of_stops.iter().any(|folder| name.starts_with(folder)));
+    found
 }
 
 /// After an error: a sentence and exit code 1, or the work done in spite of it; and no half-written file

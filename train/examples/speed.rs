@@ -250,8 +250,8 @@ fn main() {
         let size = [number(height), number(columns)];
         let width = width.parse().unwrap_or_default();
         match kind {
-            "one" => step(width, size, number(batch), number(steps)),
-            _ => forward(width, size, number(batch), number(steps)),
+            "one" => rayon::scope(|_| step(width, size, number(batch), number(steps))),
+            _ => rayon::scope(|_| forward(width, size, number(batch), number(steps))),
         }
         if let Some(mib) = peak_mib() {
             println!("highest memory, {mib} MiB");

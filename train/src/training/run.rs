@@ -156,7 +156,9 @@ pub fn run(options: &Options) -> Result<Outcome> {
         timeline,
         state,
     };
-    session.train(trainer, pairs, &info)
+    // On a thread of those that share the work: from outside, every pass of every layer would wake one of them and
+    // sleep until it has ended.
+    rayon::scope(|_| session.train(trainer, pairs, &info))
 }
 
 /// Holds every device but the processor against it.
