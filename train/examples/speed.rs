@@ -234,6 +234,11 @@ fn peak_mib() -> Option<u64> {
 }
 
 fn main() {
+    // On a thread of those that share the work, as `train` does.
+    rayon::scope(|_| time());
+}
+
+fn time() {
     let quarter: Width = "1/4".parse().unwrap_or_default();
     let words: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
@@ -250,8 +255,8 @@ fn main() {
         let size = [number(height), number(columns)];
         let width = width.parse().unwrap_or_default();
         match kind {
-            "one" => rayon::scope(|_| step(width, size, number(batch), number(steps))),
-            _ => rayon::scope(|_| forward(width, size, number(batch), number(steps))),
+            "one" => step(width, size, number(batch), number(steps)),
+            _ => forward(width, size, number(batch), number(steps)),
         }
         if let Some(mib) = peak_mib() {
             println!("highest memory, {mib} MiB");
