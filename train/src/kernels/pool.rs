@@ -32,36 +32,30 @@ pub(crate) fn largest_of_windows(input: &Tensor<4>) -> Option<Tensor<4>> {
         return is_f32(input.primitive()).then(|| from_tracked(tracked_largest(input)));
     }
     let input = input.clone().try_into_primitive::<Flex>().ok()?;
-    is_f32(&input).then(|| from_plain(largest(&input.to_contiguous(), None)))
+    is_f32(&input).then(|| from_plain(largest(&input.to_contiguous()).0))
 }
 
-/// The largest values; their numbers within their windows go to `places`, a byte for each.
-fn largest(input: &Cpu, places: Option<&mut Vec<u8>>) -> Cpu {
+/// The largest values, and where in its window each of them was: row by row, from 0.
+fn largest(input: &Cpu) -> (Cpu, Vec<u8>) {
     let [batch, channels, height, width] = dims(input);
     let [rows, columns] = [height / STRIDE, width / STRIDE];
     let count = batch * channels * rows * columns;
-    let mut output = vec![0.0_f32; count];
-    let planes = output.par_chunks_mut(rows * columns);
-    let planes = planes.zip(values(input).par_chunks(height * width));
-    let plane = |values, found, places| {
-        Plane {
-            values,
-            width,
-            found,
-            places,
-        }
-        .dispatch();
-    };
-    match places {
-        None => planes.for_each(|(found, values)| plane(values, found, None)),
-        Some(places) => {
-            places.resize(count, 0);
-            let places = places.par_chunks_mut(rows * columns);
-            let planes = planes.zip(places);
-            planes.for_each(|((found, values), places)| plane(values, found, Some(places)));
-        }
-    }
-    cpu_tensor(output, &[batch, channels, rows, columns])
+    let (mut output, mut places) = (vec![0.0_f32; count], vec![0_u8; count]);
+    output
+        .par_chunks_mut(rows * columns)
+        .zip(places.par_chunks_mut(rows * columns))
+        .zip(values(input).par_chunks(height * width))
+        .for_each(|((found, places), values)| {
+            Plane {
+                values,
+                width,
+                found,
+                places,
+            }
+            .dispatch();
+        });
+    let output = cpu_tensor(output, &[batch, channels, rows, columns]);
+    (output, places)
 }
 
 /// One channel of one sample.
@@ -69,7 +63,7 @@ struct Plane<'a> {
     values: &'a [f32],
     width: usize,
     found: &'a mut [f32],
-    places: Option<&'a mut [u8]>,
+    places: &'a mut [u8],
 }
 
 impl SimdOp for Plane<'_> {
@@ -80,12 +74,9 @@ impl SimdOp for Plane<'_> {
         let columns = self.width / STRIDE;
         let mut candidates = vec![0.0_f32; columns];
         let mut numbers = vec![0_u32; columns];
-        let mut places = self
-            .places
-            .map(|places| places.chunks_exact_mut(columns))
-            .into_iter()
-            .flatten();
-        for (row, found) in self.found.chunks_exact_mut(columns).enumerate() {
+        let found = self.found.chunks_exact_mut(columns);
+        let places = self.places.chunks_exact_mut(columns);
+        for (row, (found, places)) in found.zip(places).enumerate() {
             for number in 0..SIDE * SIDE {
                 let [down, right] = [number / SIDE, number % SIDE];
                 match (STRIDE * row + down).checked_sub(1) {
@@ -107,10 +98,8 @@ impl SimdOp for Plane<'_> {
                     *place = if is_larger { number as u32 } else { *place };
                 }
             }
-            if let Some(places) = places.next() {
-                for (place, number) in places.iter_mut().zip(&numbers) {
-                    *place = *number as u8;
-                }
+            for (place, number) in places.iter_mut().zip(&numbers) {
+                *place = *number as u8;
             }
         }
     }
@@ -182,17 +171,13 @@ fn spread(gradient: &Cpu, places: &[u8], [height, width]: [usize; 2]) -> Cpu {
 fn tracked_largest(input: Tracked) -> Tracked {
     let (input, node) = input.into_parts();
     let [_, _, height, width] = dims(&input);
-    let input = input.to_contiguous();
+    let (output, places) = largest(&input.to_contiguous());
     match LargestGradient
         .prepare::<NoCheckpointing>([node])
         .compute_bound()
         .stateful()
     {
-        OpsKind::Tracked(prepared) => {
-            let mut places = Vec::new();
-            let output = largest(&input, Some(&mut places));
-            prepared.finish(([height, width], places), output)
-        }
-        OpsKind::UnTracked(prepared) => prepared.finish(largest(&input, None)),
+        OpsKind::Tracked(prepared) => prepared.finish(([height, width], places), output),
+        OpsKind::UnTracked(prepared) => prepared.finish(output),
     }
 }
