@@ -127,6 +127,32 @@ def _():
     return [evaluation.kitti2015(disparity, plain), int((disparity > 0).sum())]
 
 
+@recipe("metrics/logarithm")
+def _():
+    """Bits of the logarithms of numbers of all sizes, by steps that IEEE 754 defines to the bit."""
+    index = np.arange(200_000)
+    mantissa = (index.astype(np.uint64) * np.uint64(0x9E37_79B9_7F4A_7C15)) >> np.uint64(12)
+    exponent = np.choose(index % 4, [1 + index % 2046, 1022, 1023, 1016 + index % 16])
+    numbers = (exponent.astype(np.uint64) << np.uint64(52) | mantissa).view(float)
+    fraction, power = np.frexp(numbers)  # from 1/2 to 1
+    small = fraction < np.sqrt(0.5)
+    f = np.where(small, 2 * fraction, fraction) - 1
+    power = np.where(small, power - 1, power)
+    s = f / (2 + f)
+    fourth = (s * s) * (s * s)
+    odd, even = np.zeros_like(s), np.zeros_like(s)
+    for term in (9, 7, 5, 3, 1):
+        odd = odd * fourth + 2 / (2 * term + 1)
+    for term in (10, 8, 6, 4, 2):
+        even = even * fourth + 2 / (2 * term + 1)
+    series = fourth * even + (s * s) * odd
+    half = 0.5 * f * f
+    high, low = 0.6931467056274414, 4.7493250390316726e-07  # of ln 2
+    found = power * high - ((half - (s * (half + series) + power * low)) - f)
+    assert np.allclose(found, np.log(numbers), rtol=1e-15, atol=0)
+    return fingerprint(found.view(np.uint64))
+
+
 @recipe("metrics/groups")
 def _():
     """For each group: root over all pixels, mean over images, pixels."""

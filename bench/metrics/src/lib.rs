@@ -48,6 +48,7 @@ mod evaluate;
 mod flip;
 mod interval;
 pub mod leaderboard;
+mod logarithm;
 mod metrics;
 mod protocol;
 pub mod published;

@@ -4,6 +4,7 @@
 //! by its square; logarithms are natural). All sums are taken in double precision, pixel after pixel in the order
 //! in which they come. What is a valid pixel is decided in [`evaluate`](crate::evaluate()).
 
+use crate::logarithm::ln;
 use crate::metrics::{FurtherMetrics, Metrics};
 
 /// Pixels that are worked on together: few enough to stay in the processor's nearest memory.
@@ -31,7 +32,7 @@ impl Terms {
         Self {
             truth_m: g,
             predicted_m: p,
-            log_error: g.ln() - p.ln(),
+            log_error: log_error(g, p),
             abs_rel: abs_rel(g, p),
             sq_rel: sq_rel(g, p),
             ratio: ratio(g, p),
@@ -44,36 +45,63 @@ impl Terms {
         self.truth_m == truth_m && self.predicted_m == predicted_m
     }
 
-    /// Adds the terms of pixels, of which there are at most [`AT_A_TIME`], to a list; of quotients the
-    /// processor works out several at once.
+    /// Adds the terms of pixels, of which there are at most [`AT_A_TIME`], to a list; the processor works
+    /// out several at once.
     ///
     /// # Panics
     /// If there are more.
     pub(crate) fn extend(list: &mut Vec<Self>, truth_m: &[f64], predicted_m: &[f64]) {
-        let mut columns = [[0.0; AT_A_TIME]; 3];
-        let [abs_rels, sq_rels, ratios] = &mut columns;
+        // Compiled for the vector units of this machine; the bits are the same on all of them.
+        pulp::Arch::new().dispatch(Extend {
+            list,
+            truth_m,
+            predicted_m,
+        });
+    }
+}
+
+/// The work of [`Terms::extend`]. Not a closure: what is compiled for vector units is what is inlined where they are
+/// known, and a closure cannot be told to be.
+struct Extend<'a> {
+    list: &'a mut Vec<Terms>,
+    truth_m: &'a [f64],
+    predicted_m: &'a [f64],
+}
+
+impl pulp::NullaryFnOnce for Extend<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self {
+            list,
+            truth_m,
+            predicted_m,
+        } = self;
+        let mut columns = [[0.0; AT_A_TIME]; 4];
+        let [log_errors, abs_rels, sq_rels, ratios] = &mut columns;
+        of_each(log_errors, truth_m, predicted_m, log_error);
         of_each(abs_rels, truth_m, predicted_m, abs_rel);
         of_each(sq_rels, truth_m, predicted_m, sq_rel);
         of_each(ratios, truth_m, predicted_m, ratio);
         let depths = truth_m.iter().zip(predicted_m);
         let quotients = abs_rels.iter().zip(sq_rels.iter()).zip(ratios.iter());
-        list.extend(
-            depths
-                .zip(quotients)
-                .map(|((&g, &p), ((&abs_rel, &sq_rel), &ratio))| Self {
-                    truth_m: g,
-                    predicted_m: p,
-                    log_error: g.ln() - p.ln(),
-                    abs_rel,
-                    sq_rel,
-                    ratio,
-                }),
+        let terms = depths.zip(log_errors.iter()).zip(quotients).map(
+            |(((&truth_m, &predicted_m), &log_error), ((&abs_rel, &sq_rel), &ratio))| Terms {
+                truth_m,
+                predicted_m,
+                log_error,
+                abs_rel,
+                sq_rel,
+                ratio,
+            },
         );
+        list.extend(terms);
     }
 }
 
 /// A function of two depths at each of some pixels.
-#[inline]
+#[inline(always)]
 fn of_each(
     found: &mut [f64; AT_A_TIME],
     truth_m: &[f64],
@@ -86,18 +114,23 @@ fn of_each(
     }
 }
 
-#[inline]
+#[inline(always)]
+fn log_error(g: f64, p: f64) -> f64 {
+    ln(g) - ln(p)
+}
+
+#[inline(always)]
 fn abs_rel(g: f64, p: f64) -> f64 {
     (g - p).abs() / g
 }
 
-#[inline]
+#[inline(always)]
 fn sq_rel(g: f64, p: f64) -> f64 {
     (g - p) * (g - p) / g
 }
 
 /// The other quotient is at most 1.
-#[inline]
+#[inline(always)]
 fn ratio(g: f64, p: f64) -> f64 {
     let (most, least) = if g > p { (g, p) } else { (p, g) };
     most / least
