@@ -63,7 +63,8 @@ mod thesis;
 pub use columns::CsvError;
 pub use evaluate::{
     Compared, ComparedPixel, EvaluateError, Fit, GroundTruth, ImageScore, Prediction, Scratch,
-    evaluate, evaluate_depth, evaluate_measured, evaluate_prediction, evaluate_with_pixels,
+    TruthRows, evaluate, evaluate_depth, evaluate_measured, evaluate_prediction,
+    evaluate_with_pixels,
 };
 pub use flip::flip_blend;
 pub use metrics::{

@@ -6,7 +6,7 @@
 use image::RgbImage;
 use strat_metrics::{
     EvaluateError, GroundTruth, GroundTruthKind, Grouping, KnownCamera, Protocol, Scratch,
-    StereoCamera,
+    StereoCamera, TruthRows,
 };
 use strat_store::inputs::{self, Kind};
 use strat_store::{
@@ -245,34 +245,45 @@ fn load_truth(
     };
     let file = file.as_ref().ok_or(SampleError::Missing { what })?;
     let bytes = checked_bytes(set, file)?;
-    let (depth, header) = exr::decode_depth(&bytes, &set.path(file))?;
+    let path = set.path(file);
+    let depth = exr::DepthFile::open(&bytes, &path)?;
+    let (width, height) = depth.size();
     // The laser measured a grid of its own.
     if kind != GroundTruthKind::Laser
-        && (depth.width, depth.height) != (sample.width as usize, sample.height as usize)
+        && (width, height) != (sample.width as usize, sample.height as usize)
     {
         return Err(SampleError::Size {
             path: file.path.clone(),
-            found_width: depth.width,
-            found_height: depth.height,
+            found_width: width,
+            found_height: height,
             width: sample.width,
             height: sample.height,
         });
     }
-    // What made depth out of disparity.
-    let stereo = kind.is_stereo().then_some(StereoCamera {
-        focal_px: header.focal_px,
-        baseline_m: header.baseline_m,
-    });
     let calibration = StereoCamera {
         focal_px: sample.focal_px,
         baseline_m: sample.baseline_m,
     };
-    let size = (depth.width, depth.height);
-    truth_of_depth(size, &depth.data, calibration, stereo).map_err(|reason| {
-        SampleError::GroundTruth {
-            path: file.path.clone(),
-            reason,
-        }
+    let truth = if kind.is_stereo() {
+        // What made depth out of disparity.
+        let stereo = StereoCamera {
+            focal_px: depth.header().focal_px,
+            baseline_m: depth.header().baseline_m,
+        };
+        let (depth, _) = depth.plane()?;
+        truth_of_depth((width, height), &depth.data, calibration, Some(stereo))
+    } else {
+        let camera = KnownCamera {
+            calibration,
+            nominal_focal_px: None,
+        };
+        let mut rows = TruthRows::new((width, height), camera);
+        depth.rows(|depth_m| rows.add(depth_m))?;
+        rows.finish()
+    };
+    truth.map_err(|reason| SampleError::GroundTruth {
+        path: file.path.clone(),
+        reason,
     })
 }
 

@@ -6,18 +6,18 @@
 
 mod unzip;
 
-use std::collections::HashMap;
 use std::io::Cursor;
 use std::iter::once;
 use std::path::Path;
 
+use exr::block::chunk::Chunk;
 use exr::block::writer::ChunksWriter;
 use exr::block::{self, UncompressedBlock};
 use exr::compression::Compression;
 use exr::math::Vec2;
-use exr::meta::BlockDescription;
 use exr::meta::attribute::{AttributeValue, ChannelDescription, LineOrder, SampleType, Text};
 use exr::meta::header::{Header, LayerAttributes};
+use exr::meta::{BlockDescription, MetaData};
 use exr::prelude::f16;
 
 use crate::error::{Error, Result};
@@ -86,10 +86,78 @@ pub fn read_depth(path: &Path) -> Result<(Plane, DepthHeader)> {
 /// # Errors
 /// As [`read_depth`].
 pub fn decode_depth(bytes: &[u8], path: &Path) -> Result<(Plane, DepthHeader)> {
-    decode(bytes).map_err(|problem| Error::Depth {
-        path: path.to_owned(),
-        problem,
-    })
+    DepthFile::open(bytes, path)?.plane()
+}
+
+/// A depth file of which nothing but the header has been decoded. Ground truth is sparse: whoever looks for what
+/// was measured need not hold all the rest.
+pub struct DepthFile<'a> {
+    path: &'a Path,
+    header: DepthHeader,
+    channel: Channel<'a>,
+}
+
+impl<'a> DepthFile<'a> {
+    /// Reads the header; `path` is used in messages.
+    ///
+    /// # Errors
+    /// As [`read_depth`], as far as the header says it.
+    pub fn open(bytes: &'a [u8], path: &'a Path) -> Result<Self> {
+        let opened = Channel::open(bytes, |_| Ok(CHANNEL.to_owned())).and_then(|channel| {
+            let header = depth_header(&channel)?;
+            Ok(Self {
+                path,
+                header,
+                channel,
+            })
+        });
+        opened.map_err(|problem| Error::Depth {
+            path: path.to_owned(),
+            problem,
+        })
+    }
+
+    /// Columns and rows.
+    #[must_use]
+    pub fn size(&self) -> (usize, usize) {
+        self.channel.size()
+    }
+
+    /// What the file says about itself.
+    #[must_use]
+    pub fn header(&self) -> &DepthHeader {
+        &self.header
+    }
+
+    /// Hands out all values in metres, one or several whole rows at a time, from the first to the last.
+    ///
+    /// # Errors
+    /// The file is truncated or damaged; what was handed out until then is of no use.
+    pub fn rows(self, take: impl FnMut(&[f32])) -> Result<()> {
+        self.channel.rows(take).map_err(|problem| Error::Depth {
+            path: self.path.to_owned(),
+            problem,
+        })
+    }
+
+    /// All values, and what the file says about itself.
+    ///
+    /// # Errors
+    /// As [`rows`](Self::rows).
+    pub fn plane(self) -> Result<(Plane, DepthHeader)> {
+        let Self {
+            path,
+            header,
+            channel,
+        } = self;
+        match channel.plane() {
+            Ok(plane) => Ok((plane, header)),
+            Err(problem) => Err(Error::Depth {
+                path: path.to_owned(),
+                problem,
+            }),
+        }
+    }
 }
 
 /// The channel `Y`, or the only one there is, of any flat EXR file: whatever its pixel type, its
@@ -99,7 +167,7 @@ pub fn decode_depth(bytes: &[u8], path: &Path) -> Result<(Plane, DepthHeader)> {
 /// # Errors
 /// The bytes are truncated or no EXR, or several channels leave open which is meant.
 pub fn decode_channel(bytes: &[u8]) -> std::result::Result<Plane, String> {
-    let channel = read_guarded(bytes, |channels| match channels {
+    let channel = Channel::open(bytes, |channels| match channels {
         [only] => Ok(only.clone()),
         several if several.iter().any(|name| name == CHANNEL) => Ok(CHANNEL.to_owned()),
         several => Err(format!(
@@ -107,7 +175,7 @@ pub fn decode_channel(bytes: &[u8]) -> std::result::Result<Plane, String> {
             several.join(", ")
         )),
     })?;
-    Ok(channel.plane)
+    channel.plane()
 }
 
 fn encode(depth_m: &Plane, header: &DepthHeader) -> std::result::Result<Vec<u8>, String> {
@@ -194,80 +262,155 @@ fn sort_attributes(bytes: &mut [u8]) -> Option<()> {
     Some(())
 }
 
+/// What panics inside [`exr`] are told of.
+const DECODER: &str = "the EXR decoder";
+
 /// A channel of the first flat layer of a file.
-struct Channel {
+struct Channel<'a> {
+    bytes: &'a [u8],
+    reader: block::reader::Reader<Cursor<&'a [u8]>>,
+    layer: usize,
+    /// Of the channel in the layer.
+    number: usize,
+}
+
+impl<'a> Channel<'a> {
+    /// Finds the channel that `choose` picks from the names of all.
+    fn open(
+        bytes: &'a [u8],
+        choose: impl FnOnce(&[String]) -> std::result::Result<String, String>,
+    ) -> std::result::Result<Self, String> {
+        let reader = guarded(DECODER, || block::read(Cursor::new(bytes), false))?;
+        let reader = reader.map_err(|error| in_words(&error, bytes))?;
+        let headers = reader.headers();
+        for header in headers {
+            check_promise(header, bytes.len())?;
+        }
+        let mut layers = headers.iter().enumerate();
+        let (layer, header) = layers
+            .find(|(_, header)| !header.deep)
+            .ok_or("it holds deep data only")?;
+        let channels = &header.channels.list;
+        let names: Vec<_> = channels.iter().map(|c| c.name.to_string()).collect();
+        let chosen = choose(&names)?;
+        let number = (names.iter().position(|name| *name == chosen))
+            .ok_or_else(|| format!("it has no channel `{chosen}`"))?;
+        if channels
+            .iter()
+            .any(|channel| channel.sampling != Vec2(1, 1))
+        {
+            return Err("some of its channels are subsampled".to_owned());
+        }
+        Ok(Self {
+            bytes,
+            reader,
+            layer,
+            number,
+        })
+    }
+
+    /// Of the layer.
+    fn header(&self) -> &Header {
+        &self.reader.headers()[self.layer]
+    }
+
+    /// Columns and rows of the display window.
+    fn size(&self) -> (usize, usize) {
+        let Vec2(width, height) = self.header().shared_attributes.display_window.size;
+        (width, height)
+    }
+
     /// The display window.
-    plane: Plane,
-    is_f32: bool,
-    /// The attributes of the layer that the format itself does not define.
-    attributes: HashMap<Text, AttributeValue>,
+    fn plane(self) -> std::result::Result<Plane, String> {
+        let (width, height) = self.size();
+        let mut data = Vec::with_capacity(width * height);
+        self.rows(|rows| data.extend_from_slice(rows))?;
+        Ok(Plane {
+            width,
+            height,
+            data,
+        })
+    }
+
+    /// Hands out the display window from the first row to the last, one or several at a time.
+    fn rows(self, mut take: impl FnMut(&[f32])) -> std::result::Result<(), String> {
+        let (width, height) = self.size();
+        let Self {
+            bytes,
+            reader,
+            layer,
+            number,
+        } = self;
+        let in_words = |error| in_words(&error, bytes);
+        let meta = reader.meta_data().clone();
+        let header = &meta.headers[layer];
+        let chunks = guarded(DECODER, || reader.all_chunks(false))?.map_err(in_words)?;
+        let mut chunks = chunks.filter(|chunk| {
+            let of_layer = |chunk: &Chunk| chunk.layer_index == layer;
+            chunk.as_ref().map_or(true, of_layer)
+        });
+        if !(unzip::is_packed(header) && is_in_order(header)) {
+            let mut window = Window::new(header);
+            let mut place = || {
+                chunks.try_for_each(|chunk| place_block(&mut window, chunk?, &meta, layer, number))
+            };
+            guarded(DECODER, &mut place)?.map_err(in_words)?;
+            take(&window.plane.data);
+            return Ok(());
+        }
+        let mut unpack = |values: &mut Vec<f32>| match chunks.next() {
+            Some(chunk) => unzip::lines(&chunk?, header, values).map(Some),
+            None => Ok(None),
+        };
+        let (mut row, mut values) = (0, Vec::new());
+        while let Some(first) = guarded(DECODER, || unpack(&mut values))?.map_err(in_words)? {
+            if first != row {
+                return Err("its lines are not in the order that its header says".to_owned());
+            }
+            row += values.len() / width;
+            take(&values);
+        }
+        match row == height {
+            true => Ok(()),
+            false => Err(format!("it has {row} of {height} lines")),
+        }
+    }
 }
 
-fn read_guarded(
-    bytes: &[u8],
-    choose: impl FnOnce(&[String]) -> std::result::Result<String, String>,
-) -> std::result::Result<Channel, String> {
-    guarded("the EXR decoder", || read_channel(bytes, choose))?
-}
-
-/// Reads the channel that `choose` picks from the names of all.
-fn read_channel(
-    bytes: &[u8],
-    choose: impl FnOnce(&[String]) -> std::result::Result<String, String>,
-) -> std::result::Result<Channel, String> {
-    let in_words = |error: exr::error::Error| match error {
+fn in_words(error: &exr::error::Error, bytes: &[u8]) -> String {
+    match error {
         exr::error::Error::Io(_) => format!("it is truncated ({} bytes)", bytes.len()),
         other => format!("it is not a usable EXR file: {other}"),
-    };
-    let reader = block::read(Cursor::new(bytes), false).map_err(in_words)?;
-    let meta = reader.meta_data().clone();
-    for header in &meta.headers {
-        check_promise(header, bytes.len())?;
     }
-    let mut layers = meta.headers.iter().enumerate();
-    let (layer, header) = layers
-        .find(|(_, header)| !header.deep)
-        .ok_or("it holds deep data only")?;
-    let channels = &header.channels.list;
-    let names: Vec<_> = channels.iter().map(|c| c.name.to_string()).collect();
-    let chosen = choose(&names)?;
-    let (number, channel) = (names.iter().position(|name| *name == chosen))
-        .and_then(|number| Some((number, channels.get(number)?)))
-        .ok_or_else(|| format!("it has no channel `{chosen}`"))?;
-    if channels
-        .iter()
-        .any(|channel| channel.sampling != Vec2(1, 1))
-    {
-        return Err("some of its channels are subsampled".to_owned());
-    }
-    let mut window = Window::new(header);
-    for chunk in reader.all_chunks(false).map_err(in_words)? {
-        let chunk = chunk.map_err(in_words)?;
-        if chunk.layer_index != layer {
-            continue;
-        }
-        if let Some(lines) = unzip::lines(&chunk, header).map_err(in_words)? {
-            let lines_of = lines.values.chunks_exact(lines.width.max(1));
-            for (row, values) in (lines.row..).zip(lines_of) {
-                window.place(0, row, values);
-            }
-            continue;
-        }
-        let block = UncompressedBlock::decompress_chunk(chunk, &meta, false).map_err(in_words)?;
-        if block.index.level != Vec2(0, 0) {
-            continue;
-        }
-        let lines = block.lines(&header.channels);
+}
+
+/// Whether the values of a layer are those of the display window, and come line after line.
+fn is_in_order(header: &Header) -> bool {
+    let display = header.shared_attributes.display_window;
+    header.line_order == LineOrder::Increasing
+        && header.layer_size == display.size
+        && header.own_attributes.layer_position == display.position
+}
+
+/// Takes the values of a block, of any kind, that are of a channel.
+fn place_block(
+    window: &mut Window,
+    chunk: Chunk,
+    meta: &MetaData,
+    layer: usize,
+    number: usize,
+) -> exr::error::Result<()> {
+    let channels = &meta.headers[layer].channels;
+    let block = UncompressedBlock::decompress_chunk(chunk, meta, false)?;
+    if block.index.level == Vec2(0, 0) {
+        let lines = block.lines(channels);
         for line in lines.filter(|line| line.location.channel == number) {
             let Vec2(column, row) = line.location.position;
-            window.place(column, row, &samples(channel.sample_type, line.value));
+            let kind = channels.list[number].sample_type;
+            window.place(column, row, &samples(kind, line.value));
         }
     }
-    Ok(Channel {
-        plane: window.plane,
-        is_f32: channel.sample_type == SampleType::F32,
-        attributes: header.own_attributes.other.clone(),
-    })
+    Ok(())
 }
 
 /// Refuses a header that promises more than the file can hold: room is made for what it promises.
@@ -351,12 +494,10 @@ fn samples(kind: SampleType, bytes: &[u8]) -> Vec<f32> {
     }
 }
 
-fn decode(bytes: &[u8]) -> std::result::Result<(Plane, DepthHeader), String> {
-    let Channel {
-        plane,
-        is_f32,
-        attributes,
-    } = read_guarded(bytes, |_| Ok(CHANNEL.to_owned()))?;
+/// What the header of a layer says of depth in a channel.
+fn depth_header(channel: &Channel<'_>) -> std::result::Result<DepthHeader, String> {
+    let header = channel.header();
+    let attributes = &header.own_attributes.other;
     let attribute = |key: &str| {
         let found = attributes.get(&Text::from(key));
         found.ok_or_else(|| format!("its header has no attribute `{key}`"))
@@ -375,17 +516,16 @@ fn decode(bytes: &[u8]) -> std::result::Result<(Plane, DepthHeader), String> {
     if unit != "m" {
         return Err(format!("its unit is `{unit}`, not `m`"));
     }
-    if !is_f32 {
+    if header.channels.list[channel.number].sample_type != SampleType::F32 {
         return Err(format!("its channel `{CHANNEL}` has no 32-bit values"));
     }
-    let header = DepthHeader {
+    Ok(DepthHeader {
         source: text("source")?,
         axis: text("axis")?,
         focal_px: number("focal_px")?,
         baseline_m: number("baseline_m")?,
         frame: text("frame")?,
-    };
-    Ok((plane, header))
+    })
 }
 
 #[cfg(test)]
@@ -470,6 +610,26 @@ mod tests {
         );
     }
 
+    #[test]
+    fn lines_that_are_not_in_their_place_are_refused() {
+        let bytes = encode_depth(&depth(), &header()).unwrap();
+        // Three offsets of blocks stand before the first block, which begins with the number of its first line.
+        let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
+        let table = (8..bytes.len() - 8).find(|&at| number(at) == at as u64 + 24);
+        let block = table.unwrap() + 24;
+        assert_eq!(bytes[block..block + 4], [0; 4]);
+        for line in [16, 32] {
+            let mut moved = bytes.clone();
+            moved[block] = line;
+            let error = decode_depth(&moved, Path::new("a.exr")).unwrap_err();
+            let error = error.to_string();
+            assert!(
+                error.contains("a.exr is not a usable depth file"),
+                "{error}"
+            );
+        }
+    }
+
     /// Found by fuzzing: room was made for whatever the header promised, and the program aborted.
     #[test]
     fn promises_that_no_file_can_keep_are_refused() {
@@ -490,7 +650,7 @@ mod tests {
             + 4;
         bytes[count..count + 4].copy_from_slice(&62_500_001_i32.to_le_bytes());
         for problem in [
-            decode(&bytes).unwrap_err(),
+            decode_depth(&bytes, Path::new("")).unwrap_err().to_string(),
             decode_channel(&bytes).unwrap_err(),
         ] {
             assert!(problem.contains("1000000001 x 1000000001"), "{problem}");

@@ -14,7 +14,7 @@ use exr::prelude::f16;
 
 use crate::files::Unfinished;
 use crate::inputs::MAX_PIXELS;
-use crate::raster::Plane;
+use crate::raster::{Plane, from_little_endian};
 
 /// A map as read.
 #[derive(Debug, Clone, PartialEq)]
@@ -313,11 +313,20 @@ impl Planes {
         }
         let size = self.height * self.width * bytes;
         let place = (self.header.start + index * size) as u64;
+        let mut read = |bytes: &mut [u8]| {
+            let found = self.file.seek(SeekFrom::Start(place));
+            let read = found.and_then(|_| self.file.read_exact(bytes));
+            read.map_err(|error| error.to_string())
+        };
+        if let (Kind::F32, false) = (self.header.kind, self.header.big_endian) {
+            // What nearly all files have, without a step between.
+            let mut values = vec![0.0_f32; self.height * self.width];
+            read(bytemuck::cast_slice_mut(&mut values))?;
+            from_little_endian(&mut values);
+            return Ok(values);
+        }
         let mut bytes = vec![0; size];
-        self.file
-            .seek(SeekFrom::Start(place))
-            .and_then(|_| self.file.read_exact(&mut bytes))
-            .map_err(|error| error.to_string())?;
+        read(&mut bytes)?;
         Ok(self.header.values_f32(&bytes))
     }
 }

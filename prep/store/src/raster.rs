@@ -35,3 +35,12 @@ impl Plane {
         &self.data[row * self.width..(row + 1) * self.width]
     }
 }
+
+/// Values of bytes that were read in little-endian order, which is that of nearly all machines.
+pub(crate) fn from_little_endian(values: &mut [f32]) {
+    if cfg!(target_endian = "big") {
+        for value in values {
+            *value = f32::from_le_bytes(value.to_ne_bytes());
+        }
+    }
+}

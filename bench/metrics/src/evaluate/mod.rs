@@ -37,7 +37,7 @@ pub use error::EvaluateError;
 pub use prediction::Prediction;
 pub use score::{Compared, ComparedPixel, ImageScore};
 pub use scratch::Scratch;
-pub use truth::GroundTruth;
+pub use truth::{GroundTruth, TruthRows};
 
 use crate::protocol::Protocol;
 use scene::{Places, Scene};

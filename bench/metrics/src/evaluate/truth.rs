@@ -37,20 +37,9 @@ impl GroundTruth {
         depth_m: &[f32],
         camera: KnownCamera,
     ) -> Result<Self, EvaluateError> {
-        let (width, height) = size;
-        check_size("depth ground truth", depth_m.len(), width, height)?;
-        let mut truth = Self::empty(size, camera, depth_m.len());
-        let mut is_usable = true;
-        let mut positions = Vec::new();
-        for row in 0..height {
-            let own = row * width..(row + 1) * width;
-            is_usable &= truth.find_in_row(&depth_m[own.clone()], own.start, &mut positions);
-            truth.rows.push(truth.measured.len());
-        }
-        if !is_usable {
-            check_truth(depth_m, "depth", width)?;
-        }
-        Ok(truth)
+        let mut rows = TruthRows::new(size, camera);
+        rows.add(depth_m);
+        rows.finish()
     }
 
     /// The same with disparity in pixels, 0 where there is none: stereo ground truth, whose depth
@@ -69,7 +58,7 @@ impl GroundTruth {
         check_truth(depth_m, "depth", width)?;
         check_size("disparity ground truth", disparity_px.len(), width, height)?;
         check_truth(disparity_px, "disparity", width)?;
-        let mut truth = Self::empty(size, camera, depth_m.len());
+        let mut truth = Self::empty(size, camera);
         let mut disparities_px = Vec::new();
         for row in 0..height {
             for index in row * width..(row + 1) * width {
@@ -87,9 +76,9 @@ impl GroundTruth {
         Ok(truth)
     }
 
-    fn empty((width, height): (usize, usize), camera: KnownCamera, pixels: usize) -> Self {
+    fn empty((width, height): (usize, usize), camera: KnownCamera) -> Self {
         // As many as a scan has, so that the lists do not move while they grow.
-        let expected = pixels / 16;
+        let expected = width.saturating_mul(height) / 16;
         let mut rows = Vec::with_capacity(height + 1);
         rows.push(0);
         Self {
@@ -102,20 +91,6 @@ impl GroundTruth {
             measured: Vec::with_capacity(expected),
             rows,
         }
-    }
-
-    /// Adds what a row has. Says whether every value is a measurement or none. `positions` is room for those of
-    /// a row.
-    fn find_in_row(&mut self, row: &[f32], start: usize, positions: &mut Vec<u32>) -> bool {
-        positions.resize(row.len() + FEW, 0);
-        let count = find(row, positions);
-        let positions = &positions[..count];
-        let known = self.depth_m.len();
-        self.measured
-            .extend(positions.iter().map(|position| start as u32 + position));
-        self.depth_m
-            .extend(positions.iter().map(|position| row[*position as usize]));
-        first_unusable(&self.depth_m[known..], is_measurable).is_none()
     }
 
     /// Indices of all measured pixels, row by row.
@@ -172,6 +147,71 @@ impl GroundTruth {
     }
 }
 
+/// Ground truth of a size whose rows come one after the other: a decoder need not hold all of them.
+#[derive(Debug)]
+pub struct TruthRows {
+    truth: GroundTruth,
+    /// Values that came.
+    count: usize,
+    /// Room for the places of what is measured in a row.
+    positions: Vec<u32>,
+}
+
+impl TruthRows {
+    /// None yet, of `size` (columns, rows).
+    #[must_use]
+    pub fn new(size: (usize, usize), camera: KnownCamera) -> Self {
+        Self {
+            truth: GroundTruth::empty(size, camera),
+            count: 0,
+            positions: Vec::new(),
+        }
+    }
+
+    /// Adds whole rows of depth in metres, 0 where there is none.
+    pub fn add(&mut self, depth_m: &[f32]) {
+        let Self {
+            truth,
+            count,
+            positions,
+        } = self;
+        for row in depth_m.chunks(truth.width.max(1)) {
+            positions.resize(row.len() + FEW, 0);
+            let found = find(row, positions);
+            let positions = &positions[..found];
+            let start = *count as u32;
+            let measured = positions.iter().map(|position| start + position);
+            truth.measured.extend(measured);
+            let depth_m = positions.iter().map(|position| row[*position as usize]);
+            truth.depth_m.extend(depth_m);
+            truth.rows.push(truth.measured.len());
+            *count += row.len();
+        }
+    }
+
+    /// The ground truth, once all rows were added.
+    ///
+    /// # Errors
+    /// More or fewer values than the size has, and values that are negative or not finite.
+    pub fn finish(self) -> Result<GroundTruth, EvaluateError> {
+        let Self { truth, count, .. } = self;
+        let (width, height) = truth.size();
+        check_size("depth ground truth", count, width, height)?;
+        match first_unusable(&truth.depth_m, is_measurable) {
+            None => Ok(truth),
+            Some(place) => {
+                let index = truth.measured[place] as usize;
+                Err(EvaluateError::Truth {
+                    what: "depth",
+                    row: index / width,
+                    column: index % width,
+                    value: truth.depth_m[place],
+                })
+            }
+        }
+    }
+}
+
 /// Pixels that are looked through at a time.
 const PIECE: usize = 64;
 
@@ -198,7 +238,11 @@ fn find(row: &[f32], positions: &mut [u32]) -> usize {
 #[inline(always)]
 fn find_with(measured: impl Measured, row: &[f32], positions: &mut [u32]) -> usize {
     let mut count = 0;
-    for (first, piece) in (0..).step_by(PIECE).zip(row.chunks(PIECE)) {
+    let (pieces, rest) = row.as_chunks::<PIECE>();
+    // Beyond the end there is nothing.
+    let mut last = [0.0; PIECE];
+    last[..rest.len()].copy_from_slice(rest);
+    for (first, piece) in (0..).step_by(PIECE).zip(pieces.iter().chain([&last])) {
         let mut bits = measured.bits(piece);
         // The sky has none, row after row.
         if bits == 0 {
@@ -223,15 +267,15 @@ fn find_with(measured: impl Measured, row: &[f32], positions: &mut [u32]) -> usi
 
 /// Which pixels have something.
 trait Measured {
-    /// A bit for each of at most [`PIECE`] pixels.
-    fn bits(&self, piece: &[f32]) -> u64;
+    /// A bit for each pixel.
+    fn bits(&self, piece: &[f32; PIECE]) -> u64;
 }
 
 struct OneByOne;
 
 impl Measured for OneByOne {
     #[inline(always)]
-    fn bits(&self, piece: &[f32]) -> u64 {
+    fn bits(&self, piece: &[f32; PIECE]) -> u64 {
         let values = piece.iter().rev();
         values.fold(0, |bits, value| bits << 1 | u64::from(*value != 0.0))
     }
@@ -241,23 +285,24 @@ impl Measured for OneByOne {
 mod x86 {
     use std::arch::x86_64::_CMP_NEQ_UQ;
 
-    use super::{Measured, OneByOne, find_with};
+    use super::{Measured, PIECE, find_with};
 
     /// Eight pixels at a time.
     struct EightAtATime(pulp::x86::V3);
 
     impl Measured for EightAtATime {
         #[inline(always)]
-        fn bits(&self, piece: &[f32]) -> u64 {
+        fn bits(&self, piece: &[f32; PIECE]) -> u64 {
             let avx = self.0.avx;
-            let (eights, rest) = piece.as_chunks::<8>();
-            let mut bits = OneByOne.bits(rest);
-            for eight in eights.iter().rev() {
+            let eights: [[f32; 8]; PIECE / 8] = pulp::cast(*piece);
+            let mut bits = [0; PIECE / 8];
+            // From the first to the last: memory is fetched ahead in the order in which it is asked for.
+            for (bits, eight) in bits.iter_mut().zip(eights) {
                 let found =
-                    avx._mm256_cmp_ps::<_CMP_NEQ_UQ>(pulp::cast(*eight), avx._mm256_setzero_ps());
-                bits = bits << 8 | u64::from(avx._mm256_movemask_ps(found) as u32);
+                    avx._mm256_cmp_ps::<_CMP_NEQ_UQ>(pulp::cast(eight), avx._mm256_setzero_ps());
+                *bits = avx._mm256_movemask_ps(found) as u8;
             }
-            bits
+            u64::from_le_bytes(bits)
         }
     }
 
@@ -327,6 +372,40 @@ pub(super) fn first_unusable(values: &[f32], usable: impl Fn(f32) -> bool) -> Op
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::protocol::StereoCamera;
+
+    #[test]
+    fn rows_make_the_truth_that_the_plane_makes() {
+        let camera = KnownCamera {
+            calibration: StereoCamera {
+                focal_px: 700.0,
+                baseline_m: 0.5,
+            },
+            nominal_focal_px: None,
+        };
+        let (width, height) = (71, 9);
+        let value = |index: usize| if index % 5 == 2 { index as f32 } else { 0.0 };
+        let plane: Vec<f32> = (0..width * height).map(value).collect();
+        let whole = GroundTruth::new((width, height), &plane, camera).unwrap();
+        for rows_at_a_time in [1, 2, 4, height] {
+            let mut rows = TruthRows::new((width, height), camera);
+            for some in plane.chunks(rows_at_a_time * width) {
+                rows.add(some);
+            }
+            let truth = rows.finish().unwrap();
+            assert_eq!(truth.measured, whole.measured);
+            assert_eq!(truth.depth_m, whole.depth_m);
+            assert_eq!(truth.rows, whole.rows);
+        }
+        let mut short = TruthRows::new((width, height), camera);
+        short.add(&plane[width..]);
+        let error = short.finish().unwrap_err();
+        let found = width * (height - 1);
+        assert!(
+            matches!(error, EvaluateError::Size { found: size, .. } if size == found),
+            "{error}"
+        );
+    }
 
     /// Rows of any length, with and without vector units.
     #[test]

@@ -8,78 +8,72 @@
 use exr::block::chunk::{Chunk, CompressedBlock};
 use exr::compression::Compression;
 use exr::math::Vec2;
+use exr::meta::BlockDescription;
 use exr::meta::attribute::SampleType;
 use exr::meta::header::Header;
 
-/// Values of whole lines of a layer.
-pub(super) struct Lines {
-    /// Number of the first line.
-    pub(super) row: usize,
-    /// Values of each line.
-    pub(super) width: usize,
-    /// Line by line.
-    pub(super) values: Vec<f32>,
+use crate::raster::from_little_endian;
+
+/// Whether the blocks of a layer are of this kind.
+pub(super) fn is_packed(header: &Header) -> bool {
+    matches!(header.compression, Compression::ZIP16 | Compression::ZIP1)
+        && header.blocks == BlockDescription::ScanLines
+        && matches!(header.channels.list.as_slice(), [only] if only.sample_type == SampleType::F32)
 }
 
-/// The lines of a block; `None` where it is of another kind.
-pub(super) fn lines(chunk: &Chunk, header: &Header) -> exr::error::Result<Option<Lines>> {
-    let is_known = matches!(header.compression, Compression::ZIP16 | Compression::ZIP1)
-        && matches!(header.channels.list.as_slice(), [only] if only.sample_type == SampleType::F32);
+/// Puts the values of the lines of a block in place of `values`, and says which line is the first.
+pub(super) fn lines(
+    chunk: &Chunk,
+    header: &Header,
+    values: &mut Vec<f32>,
+) -> exr::error::Result<usize> {
+    let malformed = |what: &'static str| exr::error::Error::Invalid(what.into());
     let CompressedBlock::ScanLine(block) = &chunk.compressed_block else {
-        return Ok(None);
+        return Err(malformed("a block of another kind than the header says"));
     };
-    if !is_known {
-        return Ok(None);
-    }
     let indices = header.get_block_data_indices(&chunk.compressed_block)?;
     let place = header.get_absolute_block_pixel_coordinates(indices)?;
     place.validate(Some(header.layer_size))?;
     let Vec2(_, row) = place.position.to_usize("a line before the first")?;
     let packed = &block.compressed_pixels_le;
-    let values = if packed.len() == 4 * place.size.area() {
+    let size = 4 * place.size.area();
+    values.resize(place.size.area(), 0.0);
+    if packed.len() == size {
         // Deflate would have made it larger.
-        let (bytes, _) = packed.as_chunks();
-        bytes
-            .iter()
-            .map(|bytes| f32::from_le_bytes(*bytes))
-            .collect()
-    } else {
-        let options = zune_inflate::DeflateOptions::default()
-            .set_limit(4 * place.size.area())
-            .set_size_hint(4 * place.size.area());
-        let mut decoder = zune_inflate::DeflateDecoder::new_with_options(packed, options);
-        let malformed = || exr::error::Error::Invalid("zlib-compressed data malformed".into());
-        let mut bytes = decoder.decode_zlib().map_err(|_| malformed())?;
-        if bytes.len() != 4 * place.size.area() {
-            return Err(malformed());
-        }
-        add_up(&mut bytes);
-        interleaved(&bytes)
-    };
-    Ok(Some(Lines {
-        row,
-        width: place.size.width(),
-        values,
-    }))
+        bytemuck::cast_slice_mut(values).copy_from_slice(packed);
+        from_little_endian(values);
+        return Ok(row);
+    }
+    let options = zune_inflate::DeflateOptions::default()
+        .set_limit(size)
+        .set_size_hint(size);
+    let mut decoder = zune_inflate::DeflateDecoder::new_with_options(packed, options);
+    let bytes = decoder.decode_zlib().ok();
+    let bytes = bytes.filter(|bytes| bytes.len() == size);
+    let mut bytes = bytes.ok_or_else(|| malformed("zlib-compressed data malformed"))?;
+    add_up(&mut bytes);
+    interleave(&bytes, values);
+    Ok(row)
 }
 
-/// Values of their bytes: those of even places in the first half, those of odd places in the second. By way of
-/// halves of values, of which the processor makes many at a time.
-fn interleaved(bytes: &[u8]) -> Vec<f32> {
-    const PIECE: usize = 64;
+/// Values of their bytes, in little-endian order: those of even places in the first half, those of odd places in the
+/// second.
+fn interleave(bytes: &[u8], values: &mut [f32]) {
+    const PIECE: usize = 16;
     let (even, odd) = bytes.split_at(bytes.len() / 2);
-    let mut values = Vec::with_capacity(bytes.len() / 4);
-    let mut halves = [0_u16; PIECE];
-    for (even, odd) in even.chunks(PIECE).zip(odd.chunks(PIECE)) {
-        let halves = &mut halves[..even.len()];
-        for ((half, even), odd) in halves.iter_mut().zip(even).zip(odd) {
-            *half = u16::from_le_bytes([*even, *odd]);
+    let ((evens, even), (odds, odd)) = (even.as_chunks::<PIECE>(), odd.as_chunks::<PIECE>());
+    let (pieces, rest) =
+        bytemuck::cast_slice_mut::<f32, u8>(values).as_chunks_mut::<{ 2 * PIECE }>();
+    // Of pieces of one size the compiler makes a single step of the vector units.
+    for (piece, (even, odd)) in pieces.iter_mut().zip(evens.iter().zip(odds)) {
+        for (pair, (even, odd)) in (piece.as_chunks_mut().0.iter_mut()).zip(even.iter().zip(odd)) {
+            *pair = [*even, *odd];
         }
-        let value =
-            |&[low, high]: &[u16; 2]| f32::from_bits(u32::from(low) | u32::from(high) << 16);
-        values.extend(halves.as_chunks().0.iter().map(value));
     }
-    values
+    for (pair, (even, odd)) in rest.as_chunks_mut().0.iter_mut().zip(even.iter().zip(odd)) {
+        *pair = [*even, *odd];
+    }
+    from_little_endian(values);
 }
 
 /// Makes bytes of differences to the byte before, plus 128.
@@ -169,7 +163,9 @@ mod tests {
             let even = bytes.iter().step_by(2);
             let odd = bytes.iter().skip(1).step_by(2);
             let halves: Vec<u8> = even.chain(odd).copied().collect();
-            assert_eq!(interleaved(&halves), values, "{count}");
+            let mut found = vec![f32::NAN; values.len()];
+            interleave(&halves, &mut found);
+            assert_eq!(found, values, "{count}");
         }
     }
 }
