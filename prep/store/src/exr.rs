@@ -367,7 +367,7 @@ impl<'a> Channel<'a> {
             if first != row {
                 return Err("its lines are not in the order that its header says".to_owned());
             }
-            row += values.len() / width;
+            row += values.len() / width.max(1);
             take(&values);
         }
         match row == height {

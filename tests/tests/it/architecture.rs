@@ -1,7 +1,9 @@
-//! Holds the dependency rules of ARCHITECTURE.md against `cargo metadata`.
+//! Holds the rules of ARCHITECTURE.md against `cargo metadata` and the sources.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
+
+use crate::sources::files;
 
 /// Normal and build dependencies of every workspace member, by package name.
 fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
@@ -152,6 +154,40 @@ fn pure_crates_do_no_input_or_output() {
             );
         }
     }
+}
+
+/// What libraries of platforms compute to different last bits is in no metric, so rows are the same everywhere.
+#[test]
+fn metrics_are_the_same_on_every_machine() {
+    let inexact = [
+        ".ln()",
+        ".ln_1p()",
+        ".log2()",
+        ".log10()",
+        ".exp()",
+        ".exp_m1()",
+        ".powf(",
+        ".sin()",
+        ".cos()",
+        ".tan()",
+    ];
+    let of_metrics = files(&["rs"]).into_iter().filter(|(path, _)| {
+        let is_test = path.to_string_lossy().ends_with("tests.rs");
+        path.starts_with("bench/metrics/src") && !is_test
+    });
+    let mut count = 0;
+    for (path, text) in of_metrics {
+        let code = text.split("#[cfg(test)]\nmod tests {").next();
+        for name in inexact {
+            assert!(
+                !code.is_some_and(|code| code.contains(name)),
+                "{name} in {}",
+                path.display()
+            );
+        }
+        count += 1;
+    }
+    assert!(count > 20, "{count} files were looked through");
 }
 
 /// Packages that are compiled for some of the workspace, with the features switched on in them.
