@@ -262,7 +262,7 @@ fn sort_attributes(bytes: &mut [u8]) -> Option<()> {
     Some(())
 }
 
-/// What panics inside [`exr`] are told of.
+/// What is named where [`exr`] panics.
 const DECODER: &str = "the EXR decoder";
 
 /// A channel of the first flat layer of a file.
