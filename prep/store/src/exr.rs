@@ -54,10 +54,7 @@ const CHANNEL: &str = "Y";
 /// # Errors
 /// The plane cannot be encoded or the file not be written.
 pub fn write_depth(path: &Path, depth_m: &Plane, header: &DepthHeader) -> Result<()> {
-    let bytes = encode(depth_m, header).map_err(|problem| Error::Depth {
-        path: path.to_owned(),
-        problem,
-    })?;
+    let bytes = encode(depth_m, header).map_err(unusable(path))?;
     files::write_atomic(path, &bytes)
 }
 
@@ -66,10 +63,7 @@ pub fn write_depth(path: &Path, depth_m: &Plane, header: &DepthHeader) -> Result
 /// # Errors
 /// The plane has no pixels or its size contradicts its data.
 pub fn encode_depth(depth_m: &Plane, header: &DepthHeader) -> Result<Vec<u8>> {
-    encode(depth_m, header).map_err(|problem| Error::Depth {
-        path: header.frame.clone().into(),
-        problem,
-    })
+    encode(depth_m, header).map_err(unusable(header.frame.as_ref()))
 }
 
 /// Reads a depth file written by [`write_depth`].
@@ -111,10 +105,7 @@ impl<'a> DepthFile<'a> {
                 channel,
             })
         });
-        opened.map_err(|problem| Error::Depth {
-            path: path.to_owned(),
-            problem,
-        })
+        opened.map_err(unusable(path))
     }
 
     /// Columns and rows.
@@ -134,10 +125,7 @@ impl<'a> DepthFile<'a> {
     /// # Errors
     /// The file is truncated or damaged; what was handed out until then is of no use.
     pub fn rows(self, take: impl FnMut(&[f32])) -> Result<()> {
-        self.channel.rows(take).map_err(|problem| Error::Depth {
-            path: self.path.to_owned(),
-            problem,
-        })
+        self.channel.rows(take).map_err(unusable(self.path))
     }
 
     /// All values, and what the file says about itself.
@@ -145,18 +133,16 @@ impl<'a> DepthFile<'a> {
     /// # Errors
     /// As [`rows`](Self::rows).
     pub fn plane(self) -> Result<(Plane, DepthHeader)> {
-        let Self {
-            path,
-            header,
-            channel,
-        } = self;
-        match channel.plane() {
-            Ok(plane) => Ok((plane, header)),
-            Err(problem) => Err(Error::Depth {
-                path: path.to_owned(),
-                problem,
-            }),
-        }
+        let plane = self.channel.plane().map_err(unusable(self.path))?;
+        Ok((plane, self.header))
+    }
+}
+
+/// What is wrong with a depth file, with its name.
+fn unusable(path: &Path) -> impl FnOnce(String) -> Error {
+    move |problem| Error::Depth {
+        path: path.to_owned(),
+        problem,
     }
 }
 

@@ -201,12 +201,7 @@ impl TruthRows {
             None => Ok(truth),
             Some(place) => {
                 let index = truth.measured[place] as usize;
-                Err(EvaluateError::Truth {
-                    what: "depth",
-                    row: index / width,
-                    column: index % width,
-                    value: truth.depth_m[place],
-                })
+                Err(no_measurement("depth", index, width, truth.depth_m[place]))
             }
         }
     }
@@ -350,12 +345,17 @@ fn is_measurable(value: f32) -> bool {
 fn check_truth(plane: &[f32], what: &'static str, width: usize) -> Result<(), EvaluateError> {
     match first_unusable(plane, is_measurable) {
         None => Ok(()),
-        Some(index) => Err(EvaluateError::Truth {
-            what,
-            row: index / width,
-            column: index % width,
-            value: plane[index],
-        }),
+        Some(index) => Err(no_measurement(what, index, width, plane[index])),
+    }
+}
+
+/// A value that is neither a measurement nor none, at a row-major index.
+fn no_measurement(what: &'static str, index: usize, width: usize, value: f32) -> EvaluateError {
+    EvaluateError::Truth {
+        what,
+        row: index / width,
+        column: index % width,
+        value,
     }
 }
 
