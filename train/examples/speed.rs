@@ -20,6 +20,7 @@ use strat_train::network::generator::GeneratorConfig;
 use strat_train::network::layers::{
     Convolution, Initializer, InstanceNorm, Ops, TensorOps, TransposedConvolution, Width, elu,
 };
+use strat_train::training::awake::keep_awake;
 use strat_train::training::trainer::adam;
 
 /// As `train` does.
@@ -234,8 +235,8 @@ fn peak_mib() -> Option<u64> {
 }
 
 fn main() {
-    // On a thread of those that share the work, as `train` does.
-    rayon::scope(|_| time());
+    // As `train` takes its steps.
+    keep_awake(time);
 }
 
 fn time() {

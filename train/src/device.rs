@@ -80,6 +80,12 @@ pub struct Listed {
 }
 
 impl DeviceChoice {
+    /// Whether the processor computes.
+    #[must_use]
+    pub fn is_processor(self) -> bool {
+        matches!(self, Self::Cpu | Self::Faulty)
+    }
+
     /// Opens the device, without gradients; `.autodiff()` turns them on.
     ///
     /// # Errors

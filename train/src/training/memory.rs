@@ -10,6 +10,7 @@
 //! Not here: the memory of GPUs before a step, which burn does not tell; a measurement on a GPU
 //! reports what its backend has reserved after the steps.
 
+use std::iter::once;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::Instant;
@@ -28,6 +29,7 @@ use crate::network::discriminator::Discriminator;
 use crate::network::generator::Generator;
 use crate::network::layers::{Convolution, Ops, TransposedConvolution};
 use crate::random::{Draws, Purpose};
+use crate::training::awake::computing_on;
 use crate::training::schedule::Timeline;
 use crate::training::trainer::Trainer;
 use crate::training::validation::Validation;
@@ -284,7 +286,8 @@ pub fn measure(
         let batches = (0..config.accumulate as u64).map(|part| noise(config, step, part));
         let batches = batches.collect();
         let started = Instant::now();
-        trainer.step(config, &timeline, step, batches)?;
+        let take = || trainer.step(config, &timeline, step, batches);
+        computing_on(once(device), take)?;
         if step > 0 {
             fastest = fastest.min(started.elapsed().as_secs_f64());
         }
@@ -292,7 +295,10 @@ pub fn measure(
     // Of the steps alone.
     let peak_bytes = reserved(&open).map_or_else(peak_of_process, Ok)?;
     let validation_seconds = match set {
-        Some(set) => validation_of_a_pair(set, config, &trainer, &open)?,
+        Some(set) => {
+            let validate = || validation_of_a_pair(set, config, &trainer, &open);
+            computing_on(once(device), validate)?
+        }
         None => None,
     };
     Ok(Measured {

@@ -4,6 +4,7 @@
 //! predicts what they need, [`check`] proves a device. Not here: the networks ([`crate::network`]), the objectives
 //! ([`crate::loss`]), reading and augmenting images ([`crate::data`]).
 
+pub mod awake;
 mod batch;
 pub mod check;
 pub mod checkpoint;

@@ -7,6 +7,7 @@ use burn::tensor::Device;
 use strat_onnx::metadata::Weights;
 use strat_store::progress::Progress;
 
+use super::awake::computing_on;
 use super::checkpoint::{Best, Checkpoint, State};
 use super::folder::{MODEL, RunFolder, RunInfo};
 use super::log::Log;
@@ -63,7 +64,8 @@ impl Session<'_> {
             for warning in batches.iter().flat_map(|batch| &batch.warnings) {
                 progress.println(warning);
             }
-            let report = trainer.step(config, &timeline, step, batches)?;
+            let take = || trainer.step(config, &timeline, step, batches);
+            let report = computing_on(options.devices(), take)?;
             log.step(&report)?;
             means.add(&report);
             if let Some(sentence) = collapse.watch(&report) {
@@ -139,7 +141,9 @@ impl Session<'_> {
         if !self.timeline.is_due(self.config().validation.every, step) {
             return Ok(None);
         }
-        let scores = validation.score(&trainer.generator(), self.config(), &self.device)?;
+        let generator = trainer.generator();
+        let score = || validation.score(&generator, self.config(), &self.device);
+        let scores = computing_on(self.options.devices(), score)?;
         log.validation(step, &scores)?;
         Ok(Some(scores))
     }
