@@ -31,17 +31,25 @@ pub(super) fn mean_curve(
     x: impl Fn(&CueRow) -> f64,
     y: impl Fn(&CueRow) -> f64,
 ) -> Vec<(f64, f64)> {
-    let mut sums: BTreeMap<u32, (f64, f64, f64)> = BTreeMap::new();
+    // By step. Series have mostly the same steps, so the place of the next one is found by going on from the last.
+    let mut sums: Vec<(u32, [f64; 3])> = Vec::new();
     for series in drawn {
+        let mut place = 0;
         for (&step, row) in *series {
-            let sum = sums.entry(step).or_default();
-            sum.0 += x(row);
-            sum.1 += y(row);
-            sum.2 += 1.0;
+            while sums.get(place).is_some_and(|(known, _)| *known < step) {
+                place += 1;
+            }
+            if sums.get(place).is_none_or(|(known, _)| *known != step) {
+                sums.insert(place, (step, [0.0; 3]));
+            }
+            let [of_x, of_y, count] = &mut sums[place].1;
+            *of_x += x(row);
+            *of_y += y(row);
+            *count += 1.0;
         }
     }
-    sums.into_values()
-        .map(|(x, y, count)| (x / count, y / count))
+    sums.into_iter()
+        .map(|(_, [x, y, count])| (x / count, y / count))
         .collect()
 }
 

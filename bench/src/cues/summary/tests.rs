@@ -43,6 +43,32 @@ fn row(sprite: &str, background: u32, step: u32, height_px: f64) -> CueRow {
     }
 }
 
+/// Of two series, one without a first step and one without a last.
+#[test]
+fn a_mean_is_over_the_series_that_have_its_step() {
+    let rows = |steps: &[u32]| -> Vec<CueRow> {
+        let depth = |step: u32| f64::from(step * steps.len() as u32);
+        let rows = steps.iter().map(|&step| CueRow {
+            depth: depth(step),
+            ..row("car", 0, step, 80.0)
+        });
+        rows.collect()
+    };
+    let (late, early, last) = (rows(&[2, 3, 5]), rows(&[1, 2]), rows(&[4, 7]));
+    let drawn = [&late, &early, &last].map(|rows| rows.iter().map(|row| (row.step, row)).collect());
+    let drawn: Vec<&series::Series<'_>> = drawn.iter().collect();
+    let found = series::mean_curve(&drawn, |row| f64::from(row.step), |row| row.depth);
+    let expected = [
+        (1.0, 2.0),
+        (2.0, 5.0),
+        (3.0, 9.0),
+        (4.0, 8.0),
+        (5.0, 15.0),
+        (7.0, 14.0),
+    ];
+    assert_eq!(found, expected);
+}
+
 /// Depth grows with the 0.158th power of 1/size for the car and hardly falls for the pedestrian: a mean
 /// over both, 0.074, would be "no".
 #[test]
