@@ -43,13 +43,12 @@ fn row(sprite: &str, background: u32, step: u32, height_px: f64) -> CueRow {
     }
 }
 
-/// Of two series, one without a first step and one without a last.
+/// Series whose steps overlap, come before all known ones, between them and after them.
 #[test]
 fn a_mean_is_over_the_series_that_have_its_step() {
     let rows = |steps: &[u32]| -> Vec<CueRow> {
-        let depth = |step: u32| f64::from(step * steps.len() as u32);
         let rows = steps.iter().map(|&step| CueRow {
-            depth: depth(step),
+            depth: f64::from(step * steps.len() as u32),
             ..row("car", 0, step, 80.0)
         });
         rows.collect()
